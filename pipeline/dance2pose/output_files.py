@@ -1,0 +1,62 @@
+"""Writing result files so that they are complete or absent, never half-written."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+from dance2pose.errors import OutputError
+
+
+def check_output(path: Path, *, overwrite: bool) -> None:
+    """Raise OutputError unless `path` can be written, before any work is spent on it."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder, expected the name of a file to write")
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path}: exists already; give --overwrite or another name with -o")
+    probe = _temporary_name(path)
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise _output_error(path, error) from error
+
+
+@contextlib.contextmanager
+def written_whole(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Give a temporary name beside `path`; rename it to `path` when the block ends well.
+
+    The temporary file is removed on any error, Ctrl-C included. Raises OutputError for what
+    the file system refuses (folder missing, read-only, disk full, file exists).
+    """
+    check_output(path, overwrite=overwrite)
+    temporary = _temporary_name(path)
+    try:
+        yield temporary
+        if path.exists() and not overwrite:
+            raise OutputError(f"{path}: appeared while it was being written; not overwritten")
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise _output_error(path, error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary_name(path: Path) -> Path:
+    """A hidden name in the same folder with the same suffix, short enough for any name length."""
+    return path.with_name(f".{path.name[:60]}.{secrets.token_hex(4)}.part{path.suffix[:16]}")
+
+
+def _output_error(path: Path, error: OSError) -> OutputError:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return OutputError(f"{path}: cannot be written, the disk is full; nothing was left behind")
+    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
