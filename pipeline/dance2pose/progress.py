@@ -38,7 +38,7 @@ class Silent:
 
 
 class PlainLines:
-    """Plain lines on stderr for logs: one when a stage starts, one every `every_s`, one at its end."""
+    """Plain lines on stderr for logs: one every `every_s` seconds and one at the end of a stage."""
 
     def __init__(self, every_s: float = 10.0) -> None:
         self.every_s = every_s
