@@ -1,0 +1,137 @@
+"""The command line: which commands there are, and how their failures reach the terminal.
+
+Commands live in `dance2pose.commands` and are imported only when they are called, so that
+`dance2pose --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, NoReturn
+
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.config import Dict
+
+from dance2pose import __version__
+from dance2pose.config import Settings, read_settings_file, user_config_path
+from dance2pose.errors import Dance2PoseError, UsageError
+
+app = App(
+    name="dance2pose",
+    help="From a single-camera dance video to 3D motion that can be reviewed, exported and kept.",
+    version=__version__,
+    help_format="plaintext",
+    default_parameter=Parameter(negative=()),
+)
+for _command, _summary in {
+    "demo": "Run the bundled clip through the bundled models.",
+    "lift": "Lift 2D keypoints of any tool to 3D poses.",
+    "smooth": "Smooth a sequence of poses of any tool over time.",
+    "evaluate": "Reproduce the paper's experiments on motion capture.",
+    "models": "List, inspect and download ONNX models.",
+    "view": "Open a recording in the Rerun viewer.",
+}.items():
+    app.command(f"dance2pose.commands.{_command}:{_command}", name=_command, help=_summary)
+
+
+@app.default
+def reconstruct(
+    video: Path,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    settings: Settings | None = None,
+    config: Path | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Turn a video into a recording of its dancers in 2D and 3D.
+
+    Parameters
+    ----------
+    video
+        The video file to process.
+    output
+        The recording to write; VIDEO's name with .rrd in the current folder if not given.
+    config
+        TOML file of settings, named as the options are.
+    overwrite
+        Replace files that exist.
+    quiet
+        Show no progress and no summary.
+    """
+    del config  # read before the command line is parsed, see main()
+    from dance2pose.commands.reconstruct import run
+
+    run(video, output, settings or Settings(), overwrite=overwrite, quiet=quiet)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit: 0 all was written, 2 wrong usage, 1 everything else."""
+    signal.signal(signal.SIGTERM, _stop)
+    sys.exit(_exit_status(list(sys.argv[1:] if arguments is None else arguments)))
+
+
+def _exit_status(arguments: list[str]) -> int:
+    try:
+        app.config = _configuration(arguments)
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _fail(str(error), 2)
+    except UsageError as error:
+        return _fail(str(error), 2)
+    except Dance2PoseError as error:
+        return _fail(str(error), 1)
+    except KeyboardInterrupt:
+        return _fail("stopped; nothing half-written was left behind", 130)
+    except MemoryError:
+        return _fail("out of memory", 1)
+    except Exception as error:
+        # The last resort: whatever it was, the person at the terminal gets one line.
+        if os.environ.get("DANCE2POSE_TRACEBACK"):
+            raise
+        return _fail(
+            f"internal error, please report it: {type(error).__name__}: {error} "
+            "(DANCE2POSE_TRACEBACK=1 shows where)",
+            1,
+        )
+    return 0
+
+
+def _fail(message: str, status: int) -> int:
+    print(f"dance2pose: {message}", file=sys.stderr)
+    return status
+
+
+def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
+    """SIGTERM ends a run just as Ctrl-C does, so that temporary files are removed."""
+    del signal_number, frame
+    raise KeyboardInterrupt
+
+
+def _configuration(arguments: list[str]) -> list[Any]:
+    """Settings files in order of precedence: the one named, else the user's own if there is one."""
+    named = _option_value(arguments, "--config")
+    if named is not None:
+        return [Dict(data=read_settings_file(Path(named)), source=named)]
+    own = user_config_path()
+    if own.is_file():
+        return [Dict(data=read_settings_file(own), source=str(own))]
+    return []
+
+
+def _option_value(arguments: list[str], option: str) -> str | None:
+    for i, argument in enumerate(arguments):
+        if argument == option and i + 1 < len(arguments):
+            return arguments[i + 1]
+        if argument.startswith(option + "="):
+            return argument.split("=", 1)[1]
+    return None
+
+
+if __name__ == "__main__":
+    main()

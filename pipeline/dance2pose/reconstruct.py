@@ -1,0 +1,221 @@
+"""The whole chain for one video: frames, people, keypoints, tracks, 3D, smoothing, recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dance2pose import exchange, lifting, smoothing
+from dance2pose.config import Settings
+from dance2pose.detection import Detector, load_detector
+from dance2pose.errors import UsageError, VideoError
+from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
+from dance2pose.output_files import check_output
+from dance2pose.poses import Boxes, Dancer, Image, Poses2D, Track2D
+from dance2pose.progress import Progress, Silent
+from dance2pose.provenance import Provenance, describe_run
+from dance2pose.recording import RecordingWriter, choose_picture, recording_id_for
+from dance2pose.shots import ShotDetector
+from dance2pose.tracking import Tracker
+from dance2pose.video import FrameReader, open_video
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What came of a run, for the person at the terminal and for a batch's ledger."""
+
+    recording: Path
+    files: tuple[Path, ...]
+    dancers: int
+    frames: int
+    frames_with_pose: int
+    mean_confidence: float
+    share_invalid_bones: float
+    notes: tuple[str, ...]
+
+    @property
+    def share_with_pose(self) -> float:
+        return self.frames_with_pose / self.frames if self.frames else 0.0
+
+
+@dataclass(frozen=True)
+class PoseModels:
+    """The ONNX models of a run: a detector and a keypoint model, or a one-stage model alone."""
+
+    detector: Detector | None
+    estimator: KeypointEstimator | OneStageEstimator
+
+    @property
+    def skeleton(self) -> str:
+        return self.estimator.skeleton
+
+    def find(self, image: Image) -> tuple[Boxes, Poses2D]:
+        """The people of one picture, as boxes and keypoints in the same order."""
+        if isinstance(self.estimator, OneStageEstimator):
+            return self.estimator.find(image)
+        assert self.detector is not None  # held by load_models
+        boxes = self.detector.detect(image)
+        return boxes, self.estimator.estimate(image, boxes)
+
+
+def load_models(settings: Settings) -> PoseModels:
+    """Load the models that the settings name. Raises UsageError where one is not named."""
+    if settings.pose is None:
+        raise UsageError(
+            "no keypoint model is named; name ONNX models with --detector D.onnx --pose P.onnx\n"
+            f"or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
+            "and `dance2pose demo` shows a result without any"
+        )
+    estimator = load_pose_model(settings.pose)
+    if isinstance(estimator, OneStageEstimator):
+        return PoseModels(None, estimator)
+    if settings.detector is None:
+        raise UsageError(
+            f"{settings.pose}: estimates keypoints inside boxes; name a person detector as well "
+            "with --detector D.onnx"
+        )
+    return PoseModels(load_detector(settings.detector), estimator)
+
+
+def reconstruct(
+    video: Path,
+    output: Path,
+    *,
+    settings: Settings,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Summary:
+    """Reconstruct the dancers of `video` into the recording `output` and its .npz files.
+
+    Raises a Dance2PoseError for anything that can be the matter with the video, the models or the
+    output; then no output file is left behind.
+    """
+    progress = progress or Silent()
+    check_output(output, overwrite=overwrite)
+    with open_video(
+        video,
+        start_s=settings.start,
+        end_s=settings.end,
+        every=settings.every,
+        deinterlace=settings.deinterlace,
+    ) as frames:
+        models = load_models(settings)
+        picture, reason = choose_picture(frames.info, settings.picture, frames.deinterlaced)
+        progress.say(f"picture in the recording: {picture} ({reason})")
+        with RecordingWriter(
+            output,
+            recording_id=recording_id_for(frames.info, settings),
+            picture=picture,
+            video=frames.info,
+            overwrite=overwrite,
+        ) as recording:
+            tracks = observe(frames, models, recording, settings=settings, progress=progress)
+            progress.say(f"lifting {len(tracks)} of the dancers found to 3D")
+            dancers = [to_3d(track, settings) for track in tracks]
+            provenance = describe_run(
+                frames, models, settings, dancers, picture=f"{picture}: {reason}"
+            )
+            recording.write(dancers, provenance)
+            files = _write_npz(output, dancers, settings, overwrite=overwrite)
+    return _summary(output, files, dancers, frames.frames_read, provenance)
+
+
+def observe(
+    frames: FrameReader,
+    models: PoseModels,
+    recording: RecordingWriter,
+    *,
+    settings: Settings,
+    progress: Progress,
+) -> list[Track2D]:
+    """Read the video once: people and keypoints of every frame, joined into tracks."""
+    shots = ShotDetector()
+    tracker: Tracker | None = None
+    for frame in progress.track(
+        frames, "detecting and estimating", total=frames.expected_frames, unit="frame"
+    ):
+        if tracker is None:
+            height, width = frame.image.shape[:2]
+            tracker = Tracker(models.skeleton, (width, height))
+        boxes, poses = models.find(frame.image)
+        tracker.update(
+            frame.index,
+            frame.time_s,
+            boxes,
+            poses,
+            cut=shots.is_cut(frame),
+            image=frame.image,
+        )
+        recording.picture_frame(frame)
+    tracks = tracker.finish(settings.person) if tracker else []
+    if not tracks:
+        raise VideoError(
+            f"{frames.info.path}: no person was found in any of {frames.frames_read} frames; "
+            "nothing was written"
+        )
+    return tracks
+
+
+def to_3d(track: Track2D, settings: Settings) -> Dancer:
+    """Lift one dancer's keypoints and smooth the joints over time."""
+    raw = lifting.lift(
+        track,
+        lifter=settings.lifter,
+        height_m=settings.height,
+        camera=settings.camera,
+        fov_deg=settings.fov,
+    )
+    model = settings.temporal_model
+    smoothed = (
+        raw
+        if model == "none"
+        else smoothing.smooth_track(raw, model=model, window=settings.window)
+    )
+    return Dancer(track, raw, smoothed)
+
+
+def _write_npz(
+    output: Path, dancers: Sequence[Dancer], settings: Settings, *, overwrite: bool
+) -> list[Path]:
+    """OUT.npz and OUT.track.npz for the first dancer, OUT.dancer_N.npz ... for the others."""
+    if not settings.npz:
+        return []
+    files = []
+    for number, dancer in enumerate(dancers, start=1):
+        stem = output.stem if number == 1 else f"{output.stem}.dancer_{dancer.person}"
+        poses, track = output.with_name(f"{stem}.npz"), output.with_name(f"{stem}.track.npz")
+        exchange.write_poses(poses, dancer.smoothed, overwrite=overwrite)
+        exchange.write_track(track, dancer.track, overwrite=overwrite)
+        files += [poses, track]
+    return files
+
+
+def _summary(
+    output: Path,
+    files: Sequence[Path],
+    dancers: Sequence[Dancer],
+    frames: int,
+    provenance: Provenance,
+) -> Summary:
+    seen: set[int] = set()
+    for dancer in dancers:
+        has_pose = ~np.isnan(dancer.track.xy).all(axis=(1, 2))
+        seen.update(dancer.track.frame[has_pose].tolist())
+    confidence = np.concatenate(
+        [d.track.confidence[~np.isnan(d.track.xy).any(axis=2)] for d in dancers]
+    )
+    lifted = [d.raw.valid[~np.isnan(d.raw.xyz).all(axis=(1, 2))] for d in dancers]
+    valid = np.concatenate([v.ravel() for v in lifted])
+    return Summary(
+        recording=output,
+        files=(output, *files),
+        dancers=len(dancers),
+        frames=frames,
+        frames_with_pose=len(seen),
+        mean_confidence=float(confidence.mean()) if confidence.size else float("nan"),
+        share_invalid_bones=float(1 - valid.mean()) if valid.size else float("nan"),
+        notes=tuple(provenance.warnings),
+    )
