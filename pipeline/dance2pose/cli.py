@@ -26,6 +26,7 @@ app = App(
     help="From a single-camera dance video to 3D motion that can be reviewed, exported and kept.",
     version=__version__,
     help_format="plaintext",
+    help_formatter="plain",
     default_parameter=Parameter(negative=()),
 )
 for _command, _summary in {
@@ -56,7 +57,7 @@ def reconstruct(
     video
         The video file to process.
     output
-        The recording to write; VIDEO's name with .rrd in the current folder if not given.
+        The recording to write; VIDEO's name with .rrd in this folder if not given.
     config
         TOML file of settings, named as the options are.
     overwrite

@@ -25,8 +25,7 @@ class Settings:
     pose: Path | None = None
     """ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector."""
     person: str = "auto"
-    """Whose poses: auto (the most prominent dancer, or all where several are), all, largest,
-    central, or a number."""
+    """Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N."""
     smooth: Literal[
         "auto",
         "none",
@@ -42,17 +41,15 @@ class Settings:
         "savitzky-golay",
         "butterworth",
     ] = "auto"
-    """Temporal model over the lifted joints; the paper's four (sma, ema, wma, mma) are causal and
-    lag. auto: mma after the paper's lifter; none after the default one, which has no jitter to
-    pay for with lag."""
+    """Temporal model over the joints; auto: mma after the paper's lifter, else none."""
     window: int = 5
     """Window of the temporal model, in frames."""
     lifter: Literal["default", "paper"] = "default"
-    """How 2D becomes 3D: the learned sequence lifter, or the paper's pursuit frame by frame."""
+    """How 2D becomes 3D: the whole sequence at once, or the paper's pursuit frame by frame."""
     height: float | None = None
-    """Body height of the dancer in metres; without it the unit is body heights."""
+    """Body height of the dancer in metres; without it, lengths are in body heights."""
     camera: Literal["weak-perspective", "perspective"] = "weak-perspective"
-    """Camera model; perspective also solves the dancer's path through the room."""
+    """Camera model; perspective also solves the path of the dancer through the room."""
     fov: float | None = None
     """Horizontal field of view in degrees, for the perspective camera."""
     start: float | None = None

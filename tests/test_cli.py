@@ -1,0 +1,115 @@
+"""The command line as a person meets it: exit status, one clear line, nothing heavy imported."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dance2pose.cli import main
+from dance2pose.config import Settings
+from dance2pose.errors import UsageError
+
+
+def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "dance2pose", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
+    )
+
+
+def status(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert isinstance(stopped.value.code, int)
+    return stopped.value.code
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom dance2pose.cli import main\n"
+        "try: main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'numpy','scipy','cv2','av','onnxruntime','rerun','scenedetect','torch'}\n"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.endswith("heavy: []\n"), result.stdout[-300:] + result.stderr
+    for command in ("demo", "lift", "smooth", "evaluate", "models", "view"):
+        assert f"{command}:" in result.stdout
+
+
+@pytest.mark.parametrize("command", ["demo", "lift", "smooth", "evaluate", "models", "view"])
+def test_every_command_has_help(command: str) -> None:
+    result = run(command, "--help")
+    assert result.returncode == 0, result.stderr
+    assert "Usage:" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["clip.mp4", "--windw", "3"], "--window"),
+        (["clip.mp4", "--window", "0"], "--window 0: expected 1 or more"),
+        (["clip.mp4", "--smooth", "median"], "median"),
+        (["clip.mp4", "--person", "-1"], "--person"),
+        (["clip.mp4", "--height", "162"], "metres"),
+        (["clip.mp4", "--end", "1", "--start", "2"], "--end"),
+        (["clip.mp4", "--config", "absent.toml"], "absent.toml"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_status_2(
+    arguments: list[str], said: str, tmp_path: Path
+) -> None:
+    result = run(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in result.stderr
+
+
+def test_a_missing_video_is_one_line_and_status_1(tmp_path: Path) -> None:
+    result = run("no such video.mp4", cwd=tmp_path)
+    assert result.returncode == 1
+    assert "no such video.mp4" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_settings_file_has_the_names_of_the_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Settings] = []
+    monkeypatch.setattr(
+        "dance2pose.commands.reconstruct.run",
+        lambda video, output, settings, **_: seen.append(settings),
+    )
+    file = tmp_path / "run.toml"
+    file.write_text('smooth = "ema"\nwindow = 9\npose = "p.onnx"\nnpz = false\n')
+    assert status("clip.mp4", "--config", str(file)) == 0
+    assert status("clip.mp4", "--config", str(file), "--window", "4") == 0
+    assert seen[0] == Settings(smooth="ema", window=9, pose=Path("p.onnx"), npz=False)
+    assert seen[1].window == 4  # the command line wins over the file
+
+
+def test_unknown_keys_and_broken_settings_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text("windo = 9\n")
+    assert status("clip.mp4", "--config", str(file)) == 2
+    assert "windo" in capsys.readouterr().err
+    file.write_text("window 9")
+    assert status("clip.mp4", "--config", str(file)) == 2
+    assert "not a TOML file" in capsys.readouterr().err
+
+
+def test_settings_check_themselves() -> None:
+    with pytest.raises(UsageError, match="every"):
+        Settings(every=0)
+    assert Settings().temporal_model == "none"
+    assert Settings(lifter="paper").temporal_model == "mma"
