@@ -1,32 +1,39 @@
-"""Takes of motion capture as `cmu17` joints on one body: what learning and evaluation start from.
+"""Takes of motion capture on one body: what learning and evaluation start from.
 
 Retargeting keeps every bone's direction and sets its length (METHOD: equal bone lengths for all
-subjects), so that shape is not confused with stature.
+subjects), so that shape is not confused with stature. A take is given as `cmu17`, `paper15` or
+`body17` joints, each skeleton with bone lengths of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from dance2pose.errors import DataError
+from dance2pose.errors import DataError, UsageError
+from dance2pose.mocap.asf_amc import read_asf_amc
 from dance2pose.mocap.bvh import read_bvh
 from dance2pose.mocap.motion import Motion, forward_kinematics
 from dance2pose.poses import FloatArray
-from dance2pose.skeleton import Skeleton, get
+from dance2pose.skeleton import Skeleton, convert, get
 
-# The nodes of the two BVH rigs, in the order of cmu17.
-_CMU_RIG = (
+# The nodes of the three rigs (CMU as BVH, Poser as BVH, CMU as ASF/AMC), in the order of cmu17.
+_CMU_RIG = tuple(
     "Hips Spine1 LeftArm LeftForeArm LeftHand RightArm RightForeArm RightHand Head LeftUpLeg "
-    "LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase"
-).split()
-_POSER_RIG = (
+    "LeftLeg LeftFoot LeftToeBase RightUpLeg RightLeg RightFoot RightToeBase".split()
+)
+_POSER_RIG = tuple(
     "hip chest lShldr lForeArm lHand rShldr rForeArm rHand neck lThigh lShin lFoot lFoot_end "
-    "rThigh rShin rFoot rFoot_end"
-).split()
+    "rThigh rShin rFoot rFoot_end".split()
+)
+_ASF_RIG = tuple(
+    "root thorax lhumerus lradius lwrist rhumerus rradius rwrist head lfemur ltibia lfoot ltoes "
+    "rfemur rtibia rfoot rtoes".split()
+)
 
 # Bone lengths of the one body, mm, in the order of cmu17's bones: the body that the CMU actions
 # corpus is given on, its left and right sides made equal.
@@ -37,30 +44,118 @@ BODY_BONES_MM: FloatArray = np.array(
 # 0.08 m lower; the base of the skull is 0.41 m above it, the crown about 0.22 m higher.
 BODY_HEIGHT_MM = 1650.0
 
+# body17 has a body of its own of the same height, because cmu17's is not what keypoint models
+# see: the BVH rig has no thorax (about 105 mm of trunk) and ends the forearm a third early.
+# Fractions of height after the segment lengths of Drillis and Contini (in Winter, Biomechanics
+# and Motor Control of Human Movement): hips at 0.530, shoulders at 0.818 (hence the trunk), ears
+# at 0.93, upper arm 0.186, forearm 0.146, thigh 0.245, shin 0.246. Shoulders and hips are half
+# the distance between joint centres, which is narrower than the body; toe is ankle to big toe.
+_BODY17_FRACTIONS = np.array(
+    [0.288, *(0.110, 0.180, 0.146) * 2, 0.112, *(0.056, 0.245, 0.246, 0.115) * 2]
+)
+BODY17_BONES_MM: FloatArray = _BODY17_FRACTIONS * BODY_HEIGHT_MM
+
+# Takes that come as cmu17 positions alone have no node in the skull: the point between the ears
+# lies beyond the base of the skull, on the line from the upper back, by this part of that line
+# (0.81 of 3.13 units in the CMU rig).
+_EARS_BEYOND_HEAD = 0.26
+
 
 @dataclass(frozen=True)
 class Take:
     """One take on the one body.
 
-    xyz: (T, 17, 3) mm, y up, root at the origin. root: (T, 3) mm, its path before that, or None
-    where the source has none. rate_hz: frames per second.
+    xyz: (T, J, 3) mm, y up, first joint at the origin. root: (T, 3) mm, the first joint's path
+    before that, or None where the source has none. rate_hz: frames per second.
     """
 
     name: str
     xyz: FloatArray
     root: FloatArray | None
     rate_hz: float
+    skeleton: str = "cmu17"
+
+
+def body_bones_mm(skeleton: str) -> FloatArray:
+    """Bone lengths (J - 1,) mm of the one body in a lifting skeleton."""
+    if skeleton == "cmu17":
+        return BODY_BONES_MM.copy()
+    if skeleton == "body17":
+        return BODY17_BONES_MM.copy()
+    if skeleton == "paper15":  # cmu17's bones, by the joint they end at, without the toes
+        cmu = get("cmu17")
+        names = ["upper_back" if name == "neck" else name for name in get(skeleton).joints[1:]]
+        lengths: FloatArray = BODY_BONES_MM[[cmu.index(name) - 1 for name in names]]
+        return lengths
+    raise UsageError(f"no body is defined for skeleton {skeleton!r}: cmu17, paper15 or body17")
 
 
 def cmu17_positions(motion: Motion, source: str = "motion") -> FloatArray:
-    """Positions (T, 17, 3) of the cmu17 joints of either rig, in the file's unit."""
-    for rig in (_CMU_RIG, _POSER_RIG):
+    """Positions (T, 17, 3) of the cmu17 joints of any known rig, in the file's unit.
+
+    ASF/AMC takes have a thorax bone that the BVH files of the same database lack; it is given no
+    length here, so that one take is the same in both formats.
+    """
+    position, columns = _rig(motion, source)
+    return position[:, columns]
+
+
+def body17_positions(motion: Motion, source: str = "motion") -> FloatArray:
+    """Positions (T, 17, 3) of the body17 joints of any known rig, in the file's unit.
+
+    Pelvis and neck are midway between hips and shoulders. The head is the point between the ears:
+    in the CMU rig midway between the skull's base and its end site; in the Poser rig, which has
+    eyes but no such end, at the height of the eyes above the base of the skull.
+    """
+    position, columns = _rig(motion, source)
+    return _body17_from(position[:, columns], _between_ears(motion, position))
+
+
+def _rig(motion: Motion, source: str) -> tuple[FloatArray, list[int]]:
+    """Positions of all nodes, and the columns of cmu17's joints."""
+    for rig in (_CMU_RIG, _POSER_RIG, _ASF_RIG):
         if all(node in motion.names for node in rig):
-            columns = [motion.names.index(node) for node in rig]
-            return forward_kinematics(motion)[0][:, columns]
+            if rig is _ASF_RIG:
+                motion = _without_thorax(motion)
+            return forward_kinematics(motion)[0], [motion.names.index(node) for node in rig]
     raise DataError(
-        f"{source}: its joints are of neither known rig; expected {_CMU_RIG} or {_POSER_RIG}"
+        f"{source}: its joints are of no known rig; expected all of one of these sets: "
+        + "; ".join(" ".join(rig) for rig in (_CMU_RIG, _POSER_RIG, _ASF_RIG))
     )
+
+
+def _without_thorax(motion: Motion) -> Motion:
+    offsets = motion.offsets.copy()
+    thorax = motion.names.index("thorax")
+    offsets[[i for i, parent in enumerate(motion.parents) if parent == thorax]] = 0
+    return replace(motion, offsets=offsets)
+
+
+def _between_ears(motion: Motion, position: FloatArray) -> FloatArray:
+    node = {name: position[:, i] for i, name in enumerate(motion.names)}
+    for base, end in (("Head", "Head_end"), ("head", "head_end")):
+        if base in node and end in node:
+            middle: FloatArray = (node[base] + node[end]) / 2
+            return middle
+    eyes = motion.offsets[motion.names.index("leftEye")]
+    rotation = forward_kinematics(motion)[1][:, motion.names.index("head")]
+    ears: FloatArray = node["head"] + rotation @ np.array([0.0, eyes[1], 0.0])
+    return ears
+
+
+def _body17_from(cmu17: FloatArray, ears: FloatArray) -> FloatArray:
+    confidence = np.ones(cmu17.shape[:-1])
+    xyz = convert(cmu17, confidence, source="cmu17", target="body17")[0]
+    xyz[:, get("body17").index("head")] = ears
+    return xyz
+
+
+def body17_from_cmu17(cmu17: FloatArray) -> FloatArray:
+    """body17 positions (T, 17, 3) from cmu17 positions alone: the skull continues the neck."""
+    skeleton = get("cmu17")
+    head = cmu17[:, skeleton.index("head")]
+    neck = head - cmu17[:, skeleton.index("upper_back")]
+    return _body17_from(cmu17, head + _EARS_BEYOND_HEAD * neck)
 
 
 def retarget(xyz: FloatArray, skeleton: Skeleton, lengths: FloatArray) -> FloatArray:
@@ -77,19 +172,61 @@ def retarget(xyz: FloatArray, skeleton: Skeleton, lengths: FloatArray) -> FloatA
     return out
 
 
-def read_take(path: Path) -> Take:
+def resample(take: Take, rate_hz: float) -> Take:
+    """The take at another frame rate, its first frame kept; no filter against aliasing.
+
+    Positions follow a cubic spline through the frames, bones keep their lengths. The last frame
+    is the last that lies within the take. Raises UsageError for a rate that is not positive.
+    """
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise UsageError(f"frame rate of {rate_hz} Hz; expected a positive number")
+    frames = len(take.xyz)
+    count = int(np.floor((frames - 1) * rate_hz / take.rate_hz + 1e-6)) + 1
+    at = np.minimum(np.arange(count) * take.rate_hz / rate_hz, frames - 1)
+    xyz = _interpolated(take.xyz, at)
+    skeleton = get(take.skeleton)
+    xyz = retarget(xyz, skeleton, bone_lengths(take.xyz, skeleton))
+    root = None if take.root is None else _interpolated(take.root, at)
+    return replace(take, xyz=xyz, root=root, rate_hz=rate_hz)
+
+
+def _interpolated(values: FloatArray, at: FloatArray) -> FloatArray:
+    """Values (T, ...) at fractional frames `at`; exact where those are whole."""
+    if np.array_equal(at, np.round(at)):
+        taken: FloatArray = values[at.astype(np.int64)]
+        return taken
+    spline = make_interp_spline(np.arange(len(values)), values, k=min(3, len(values) - 1))
+    out: FloatArray = spline(at)
+    return out
+
+
+def read_take(path: Path, skeleton: str = "cmu17") -> Take:
     """A BVH take on the one body, with the corpus's traps undone (rest pose, rates, units)."""
     motion = read_bvh(path)
-    xyz = cmu17_positions(motion, str(path))
-    numbered = "Hips" in motion.names
     rate = 60.0 if "_salsa_" in path.stem else 1 / motion.frame_time_s
-    if numbered:  # the first frame of these files is an inserted rest pose
-        xyz = xyz[1:]
-    skeleton = get("cmu17")
-    lengths = bone_lengths(xyz, skeleton)
-    to_mm = BODY_BONES_MM.sum() / lengths.sum()
-    body = retarget(xyz, skeleton, BODY_BONES_MM)
-    return Take(path.stem, body, xyz[:, 0] * to_mm, round(rate, 3))
+    if "Hips" in motion.names:  # the first frame of these files is an inserted rest pose
+        if len(motion) < 2:
+            raise DataError(f"{path}: holds the rest pose alone, no frame of motion")
+        motion = motion.frames(slice(1, None))
+    return _on_one_body(path.stem, motion, str(path), round(rate, 3), skeleton)
+
+
+def read_asf_amc_take(asf: Path, amc: Path, skeleton: str = "cmu17") -> Take:
+    """An ASF/AMC take of the CMU database (120 Hz) on the one body."""
+    motion = read_asf_amc(asf, amc)
+    return _on_one_body(amc.stem, motion, str(asf), 120.0, skeleton)
+
+
+def _on_one_body(name: str, motion: Motion, source: str, rate: float, skeleton: str) -> Take:
+    lengths = body_bones_mm(skeleton)
+    if skeleton == "body17":
+        xyz = body17_positions(motion, source)
+    else:
+        xyz = cmu17_positions(motion, source)
+        xyz = convert(xyz, np.ones(xyz.shape[:-1]), source="cmu17", target=skeleton)[0]
+    tree = get(skeleton)
+    to_mm = lengths.sum() / bone_lengths(xyz, tree).sum()
+    return Take(name, retarget(xyz, tree, lengths), xyz[:, 0] * to_mm, rate, skeleton)
 
 
 def bone_lengths(xyz: FloatArray, skeleton: Skeleton) -> FloatArray:
@@ -101,15 +238,39 @@ def bone_lengths(xyz: FloatArray, skeleton: Skeleton) -> FloatArray:
     return lengths
 
 
-def read_takes(folder: Path) -> Iterator[Take]:
-    """Every .bvh of a folder, and every take of a .npz of joint positions, in name order."""
-    files = sorted(p for p in folder.iterdir() if p.suffix in (".bvh", ".npz"))
-    if not files:
-        raise DataError(f"{folder}: holds no .bvh and no .npz")
+def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:
+    """Every .bvh of a folder, and every take of a .npz of cmu17 positions, in name order.
+
+    source: a folder or one such file. Raises DataError for what cannot be read.
+    """
+    files = [source]
+    if source.is_dir():
+        files = sorted(p for p in source.iterdir() if p.suffix in (".bvh", ".npz"))
+        if not files:
+            raise DataError(f"{source}: holds no .bvh and no .npz")
     for path in files:
         if path.suffix == ".bvh":
-            yield read_take(path)
+            yield read_take(path, skeleton)
         else:
-            with np.load(path, allow_pickle=False) as archive:
-                for name in archive.files:
-                    yield Take(name, archive[name].astype(float), None, 120.0)
+            yield from _takes_of_npz(path, skeleton)
+
+
+def _takes_of_npz(path: Path, skeleton: str) -> Iterator[Take]:
+    """Takes of 120 Hz, one array (T, 17, 3) each, mm, y up, root at the origin."""
+    tree, lengths = get(skeleton), body_bones_mm(skeleton)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            for name in archive.files:
+                xyz = archive[name]
+                if xyz.ndim != 3 or xyz.shape[1:] != (17, 3) or not np.isfinite(xyz).all():
+                    raise DataError(
+                        f"{path}: {name} is {xyz.dtype} {xyz.shape}, expected finite (T, 17, 3)"
+                    )
+                xyz = xyz.astype(float)
+                if skeleton == "body17":
+                    xyz = body17_from_cmu17(xyz)
+                else:
+                    xyz = convert(xyz, np.ones(xyz.shape[:-1]), source="cmu17", target=skeleton)[0]
+                yield Take(name, retarget(xyz, tree, lengths), None, 120.0, skeleton)
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: not a .npz of takes: {error}") from error

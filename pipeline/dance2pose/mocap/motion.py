@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,12 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.rotations)
+
+    def frames(self, chosen: slice) -> Motion:
+        """The same hierarchy with some of the frames."""
+        return replace(
+            self, rotations=self.rotations[chosen], root_position=self.root_position[chosen]
+        )
 
 
 def forward_kinematics(motion: Motion) -> tuple[FloatArray, FloatArray]:
