@@ -1,0 +1,185 @@
+"""Reading a video: the file's pictures, each with its index and time, as frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+from dance2pose.errors import UsageError, VideoError
+from dance2pose.poses import Frame
+from dance2pose.video.background import Background
+from dance2pose.video.clock import Clock
+from dance2pose.video.deinterlace import Deinterlacer, Timed
+from dance2pose.video.info import VideoInfo, describe
+from dance2pose.video.interlacing import find_interlacing
+from dance2pose.video.picture import PictureMaker, orientation, sensible_aspect
+from dance2pose.video.source import Source
+
+Deinterlace = Literal["auto", "off"]
+
+
+def open_video(
+    path: str | Path,
+    *,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    every: int = 1,
+    deinterlace: Deinterlace = "auto",
+) -> FrameReader:
+    """Open a video for reading from front to back. Use it as a context manager.
+
+    start_s, end_s: read the frames with start_s <= time < end_s (seconds from the start of the
+    video). every: read each n-th of these. deinterlace: "auto" where fields are found, or "off".
+
+    Raises VideoError where there is no video to read, UsageError for a range that cannot be.
+    """
+    if start_s is not None and not start_s >= 0:
+        raise UsageError(f"start is {start_s} s, expected 0 or more")
+    if end_s is not None and not end_s > (start_s or 0):
+        raise UsageError(f"end is {end_s} s, expected more than the start ({start_s or 0} s)")
+    if every < 1:
+        raise UsageError(f"every is {every}, expected 1 (each frame) or more")
+    if deinterlace not in ("auto", "off"):
+        raise UsageError(f"deinterlace is {deinterlace!r}, expected 'auto' or 'off'")
+    return FrameReader(Path(path), start_s, end_s, every, deinterlace)
+
+
+class FrameReader:
+    """An open video; made by `open_video`. Iterate it once.
+
+    info: the file described. warnings: what was lost or supposed, complete once the reading has
+    ended. damaged: True where frames were lost or patched up. deinterlaced: True once a picture
+    went through the deinterlacer. frames_read: frames given out so far.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        start_s: float | None,
+        end_s: float | None,
+        every: int,
+        deinterlace: Deinterlace,
+    ) -> None:
+        self._start_s = start_s or 0.0
+        self._end_s = end_s if end_s is not None else float("inf")
+        self._every = every
+        self.warnings: list[str] = []
+        self.damaged = False
+        self.frames_read = 0
+        self._source = Source(path)
+        self._decoded = self._source.decoded()
+        self._background: Background[Frame] | None = None
+        try:
+            first = next(self._decoded, None)
+            if first is None:
+                raise VideoError(
+                    f"{path}: holds no frame that can be decoded"
+                    f" ({self._source.stream.codec_context.name},"
+                    f" {self._source.decode_errors} errors); copy it again, or convert it"
+                )
+            turned = orientation(first)
+            interlacing = find_interlacing(path, self._source.stream, first)
+            self.info: VideoInfo = describe(
+                self._source,
+                first,
+                turned,
+                interlaced=interlacing.found,
+                interlaced_because=interlacing.because,
+                field_order=interlacing.field_order,
+            )
+        except BaseException:
+            self._source.close()
+            raise
+        stream = self._source.stream
+        self._deinterlacer = Deinterlacer(interlacing) if deinterlace == "auto" else None
+        self._clock = Clock(
+            stream.start_time, stream.time_base, stream.average_rate or stream.guessed_rate
+        )
+        self._maker = PictureMaker(self.info.size, sensible_aspect(stream.sample_aspect_ratio))
+        self._decoded = chain([first], self._decoded)
+
+    @property
+    def deinterlaced(self) -> bool:
+        return self._deinterlacer is not None and self._deinterlacer.applied > 0
+
+    @property
+    def expected_frames(self) -> int | None:
+        """How many frames the reading will give if the container tells the truth; for progress."""
+        info = self.info
+        count, duration_s = info.frame_count, info.duration_s
+        if count is None and duration_s and info.frame_rate:
+            count = round(duration_s * info.frame_rate)
+        if count is None:
+            return None
+        if duration_s:
+            end_s = min(self._end_s, duration_s)
+            count = round(count * max(0.0, end_s - self._start_s) / duration_s)
+        return -(-count // self._every)
+
+    def __enter__(self) -> FrameReader:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop reading and let the file go. May be called twice."""
+        if self._background is not None:
+            self._background.close()
+        self._source.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        if self._background is not None:
+            raise RuntimeError("a video is read once; open it again")
+        self._background = Background(self._frames())
+        for frame in self._background:
+            self.frames_read += 1
+            yield frame
+
+    def _frames(self) -> Iterator[Frame]:
+        """In the background thread: the wanted frames, then the account of what was lost."""
+        given = 0
+        wanted = 0
+        for timed in self._progressive():
+            if not self._start_s <= timed.time_s < self._end_s:
+                continue
+            wanted += 1
+            if (wanted - 1) % self._every:
+                continue
+            given += 1
+            image = self._maker.image(timed.picture, timed.orientation)
+            yield Frame(timed.index, timed.time_s, image)
+        self._account()
+        if not given:
+            raise VideoError(
+                f"{self.info.path}: no frame between {self._start_s:g} s and {self._end_s:g} s;"
+                f" {self._clock.frames} frames were read"
+            )
+
+    def _timed(self) -> Iterator[Timed]:
+        for index, picture in enumerate(self._decoded):
+            time_s = self._clock.read(picture)
+            if time_s >= self._end_s:
+                return
+            yield Timed(index, time_s, picture, orientation(picture))
+
+    def _progressive(self) -> Iterator[Timed]:
+        if self._deinterlacer is None:
+            yield from self._timed()
+            return
+        for timed in self._timed():
+            yield from self._deinterlacer.push(timed)
+        yield from self._deinterlacer.flush()
+
+    def _account(self) -> None:
+        losses = self._source.losses() if self._source.complete else []
+        self.damaged = bool(losses)
+        self.warnings += losses + self._clock.warnings()

@@ -1,0 +1,235 @@
+"""A video file -> the pictures its decoder gives, and a count of what was lost on the way."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import av.error
+from av.container import InputContainer
+from av.packet import Packet
+from av.stream import Disposition
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+
+from dance2pose.errors import VideoError
+
+# 8192 x 8192. Larger than any video camera's picture; a header that says more is damaged or hostile
+# and must not make us allocate gigabytes.
+MAX_PIXELS = 8192 * 8192
+
+# A read error may be a scratch in the middle of a file: go on, but not for ever.
+MAX_READ_ERRORS_IN_A_ROW = 50
+
+# FFmpeg "formats" that are no video: pictures of text, and lists that name other files.
+NOT_VIDEO = frozenset({"tty", "hls", "concat", "dash", "imf", "sdp", "rtsp", "webm_dash_manifest"})
+
+# Containers that store one packet a picture, so that counting packets counts pictures. (Transport
+# streams may store one packet a field; VP8 in WebM has packets that are never shown.)
+ONE_PACKET_A_PICTURE = frozenset({"mov", "matroska", "avi", "mxf"})
+HIDDEN_PICTURES = frozenset({"vp8", "mpeg4", "msmpeg4v3"})
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def check_file(path: Path) -> int:
+    """The size in bytes of a readable, non-empty regular file. VideoError for anything else."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise VideoError(f"{path}: is a folder, not a video; name one video file")
+        if not stat.S_ISREG(status.st_mode):
+            raise VideoError(f"{path}: is a device or a pipe, not a video file; copy it to a file")
+        if status.st_size == 0:
+            raise VideoError(f"{path}: is empty (0 bytes); copy or record it again")
+        with path.open("rb"):
+            return status.st_size
+    except FileNotFoundError:
+        raise VideoError(f"{path}: no such file; check the name and the folder") from None
+    except PermissionError:
+        raise VideoError(f"{path}: may not be read; give yourself the right to read it") from None
+    except OSError as error:
+        raise VideoError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # a NUL byte in the name
+        raise VideoError(f"{str(path)!r}: is no file name: {error}") from None
+
+
+def open_container(path: Path) -> InputContainer:
+    """Open with FFmpeg, for this file alone: no other file and no network."""
+    check_file(path)
+    # "file:" keeps a name such as "concat:a" or "c:a" from being read as a protocol. An absolute
+    # path is as long as it is; a relative one may be short where the absolute one is too long.
+    name = f"file:{path}"
+    options = {"max_pixels": str(MAX_PIXELS), "protocol_whitelist": "file"}
+    source: Any = name
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:  # a name in some older encoding: let Python open it
+        source = path.open("rb")
+    try:
+        container: InputContainer = av.open(source, "r", options=options, metadata_errors="replace")
+    except av.error.FFmpegError as error:
+        raise VideoError(_why_not(path, error)) from None
+    if NOT_VIDEO & set(container.format.name.split(",")):
+        container.close()
+        raise VideoError(
+            f"{path}: is a text or list file, which FFmpeg calls {container.format.name!r},"
+            " not a video"
+        )
+    return container
+
+
+def _why_not(path: Path, error: Exception) -> str:
+    with path.open("rb") as file:
+        head = file.read(12)
+    if head[4:8] == b"ftyp":
+        return (
+            f"{path}: is an MP4 or MOV file whose index (moov) is missing or damaged, as when a"
+            " recording or a copy was cut short; copy it again, or rebuild the index from another"
+            " recording of the same camera"
+        )
+    reason = getattr(error, "strerror", None) or str(error)
+    return f"{path}: is not a video that FFmpeg can read ({reason}); expected MP4, MKV, AVI, MOV …"
+
+
+def choose_stream(path: Path, container: InputContainer) -> VideoStream:
+    """The video stream to read: the default one, else the largest. Cover pictures do not count."""
+    streams = [
+        stream
+        for stream in container.streams.video
+        if not stream.disposition & (Disposition.attached_pic | Disposition.timed_thumbnails)
+    ]
+    if not streams:
+        found = ", ".join(sorted({stream.type for stream in container.streams})) or "no stream"
+        raise VideoError(f"{path}: holds no video, only: {found}")
+    decodable = [stream for stream in streams if stream.codec_context is not None]
+    if not decodable:
+        raise VideoError(f"{path}: its video codec is not one FFmpeg can decode here; convert it")
+    best = max(
+        decodable,
+        key=lambda stream: (
+            bool(stream.disposition & Disposition.default),
+            stream.codec_context.width * stream.codec_context.height,
+        ),
+    )
+    check_size(path, best.codec_context.width, best.codec_context.height)
+    return best
+
+
+def check_size(path: Path, width: int, height: int) -> None:
+    """Refuse a picture nobody films before memory is taken for it."""
+    if width * height > MAX_PIXELS:
+        raise VideoError(
+            f"{path}: says its picture is {width} x {height} px, more than {MAX_PIXELS} in all;"
+            " the header is damaged, or the video must be made smaller first"
+        )
+
+
+class Source:
+    """The decoder of one file. `frames()` may be called once.
+
+    packets, frames: how many were read and decoded. decode_errors: packets the decoder refused.
+    read_errors: places the file could not be read. damaged_frames: pictures the decoder flagged as
+    patched up. complete: True once the end of the file was reached.
+    """
+
+    def __init__(self, path: Path, *, thread_type: str | None = None) -> None:
+        self.path = path
+        self.container = open_container(path)
+        try:
+            self.stream = choose_stream(path, self.container)
+        except VideoError:
+            self.container.close()
+            raise
+        context = self.stream.codec_context
+        context.options = {"max_pixels": str(MAX_PIXELS)}
+        context.thread_type = thread_type or decoder_threads(context.width, context.height)
+        self.packets = 0
+        self.discarded = 0
+        self.frames = 0
+        self.decode_errors = 0
+        self.read_errors = 0
+        self.damaged_packets = 0
+        self.damaged_frames = 0
+        self.complete = False
+
+    def close(self) -> None:
+        self.container.close()
+
+    def decoded(self) -> Iterator[VideoFrame]:
+        """Every picture that can be decoded, in presentation order."""
+        for packet in self._packets():
+            try:
+                pictures = self.stream.decode(packet)
+            except av.error.FFmpegError:
+                self.decode_errors += 1
+                continue
+            for picture in pictures:
+                self.frames += 1
+                self.damaged_frames += picture.is_corrupt
+                yield picture
+        self.complete = True
+
+    def _packets(self) -> Iterator[Packet[VideoStream] | None]:
+        failures = 0
+        while failures <= MAX_READ_ERRORS_IN_A_ROW:
+            try:
+                for packet in self.container.demux(self.stream):
+                    if packet.size:
+                        failures = 0
+                        self.packets += 1
+                        self.discarded += packet.is_discard
+                        self.damaged_packets += packet.is_corrupt
+                    yield packet
+                return
+            except av.error.FFmpegError:
+                self.read_errors += 1
+                failures += 1
+        # The reader gave up; what the decoder still holds is shown all the same.
+        yield None
+
+    def losses(self) -> list[str]:
+        """What was lost, one line each; empty for a sound file. Complete at the file's end."""
+        lines = []
+        missing = self._missing()
+        if missing:
+            lines.append(
+                f"{_plural(missing, 'frame')} of {self.frames + missing} could not be decoded"
+            )
+        elif self.decode_errors:
+            lines.append(
+                f"{_plural(self.decode_errors, 'piece')} of the video could not be decoded"
+            )
+        if self.damaged_frames:
+            lines.append(
+                f"{_plural(self.damaged_frames, 'frame')} of {self.frames} damaged in the file"
+                " and patched up by the decoder"
+            )
+        if self.read_errors:
+            lines.append(f"the file could not be read in {_plural(self.read_errors, 'place')}")
+        if not lines and self.damaged_packets:
+            lines.append(f"{_plural(self.damaged_packets, 'packet')} damaged in the file")
+        return lines
+
+    def _missing(self) -> int:
+        """Pictures the container announces or holds that the decoder never gave."""
+        names = set(self.container.format.name.split(","))
+        if not names & ONE_PACKET_A_PICTURE or self.stream.codec_context.name in HIDDEN_PICTURES:
+            return 0
+        announced = max(self.stream.frames, self.packets)
+        return max(0, announced - self.discarded - self.frames)
+
+
+def decoder_threads(width: int, height: int) -> str:
+    """FFmpeg's thread type for a picture size.
+
+    Splitting small pictures over threads costs a third more processor time, which the models need;
+    large ones gain the second core at the same cost (measured: 0.56 and 0.79 ms of processor time
+    for 384 x 496, 8.8 and 8.2 ms for 1088 x 1920, one thread against frame threads).
+    """
+    return "AUTO" if width * height > 1_000_000 else "SLICE"
