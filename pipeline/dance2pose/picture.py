@@ -1,0 +1,202 @@
+"""The picture in a recording: the video file itself, its frames as JPEG, or none.
+
+The Rerun viewer plays MP4 itself and shows every file at its coded size: it knows no rotation
+metadata, no pixel shape and no edit list. Where any of these matters, or the codec is one it
+cannot play, the frames are recorded as they were processed, at many times the size.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose.errors import OutputError, UsageError, VideoError
+from dance2pose.poses import Image
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from dance2pose.video import VideoInfo
+
+PictureMode = Literal["video", "frames", "none"]
+
+# What the viewer plays, by the codec names of FFmpeg.
+_PLAYABLE_CODECS = ("h264", "hevc", "av1", "vp9")
+_DECODED_BY_THE_VIEWER = ("av1",)
+_CONTAINERS = ("mp4", "mov")
+_OLDEST_FFMPEG = (5, 1)
+# The video goes into the recording in one piece: about 4.2 times its size of memory while it is
+# written (measured, rerun 0.41), and it cannot pass 2 GiB at all.
+LARGEST_VIDEO_BYTES = 512 * 1024**2
+JPEG_QUALITY = 85
+
+
+class PictureChoice(NamedTuple):
+    """How the picture is recorded, and why, in words for the person who asked."""
+
+    mode: PictureMode
+    reason: str
+
+
+def choose_picture(
+    info: VideoInfo,
+    requested: Literal["auto", "video", "frames", "none"] = "auto",
+    deinterlaced: bool = False,
+) -> PictureChoice:
+    """Decide how the picture of a video is recorded.
+
+    Raises UsageError where `video` is requested and the viewer could not show it rightly.
+    """
+    if requested == "none":
+        return PictureChoice("none", "as asked for; the keypoints are shown on their own")
+    if requested == "frames":
+        return PictureChoice("frames", "as asked for; JPEG shows in every viewer")
+    obstacle = _obstacle(info, deinterlaced)
+    if requested == "video":
+        if obstacle:
+            raise UsageError(f"{info.path}: cannot be recorded with --picture video: {obstacle}")
+        return PictureChoice("video", f"the original file, as asked for; {_viewing_needs(info)}")
+    if obstacle:
+        return PictureChoice("frames", f"as JPEG: {obstacle}")
+    if info.codec not in _DECODED_BY_THE_VIEWER and not ffmpeg_plays():
+        return PictureChoice(
+            "frames",
+            f"as JPEG: no ffmpeg 5.1 or later is on PATH here, and the viewer needs it for "
+            f"{info.codec}; --picture video records the original file all the same",
+        )
+    return PictureChoice("video", f"the original file; {_viewing_needs(info)}")
+
+
+def _viewing_needs(info: VideoInfo) -> str:
+    if info.codec in _DECODED_BY_THE_VIEWER:
+        return f"the viewer plays {info.codec} without help"
+    return (
+        f"the machine it is viewed on needs ffmpeg 5.1 or later on PATH for {info.codec} "
+        "(--picture frames needs nothing)"
+    )
+
+
+def _obstacle(info: VideoInfo, deinterlaced: bool) -> str | None:
+    """Why the viewer cannot show the file itself, or None."""
+    container = set(re.split(r"[,\s]+", info.container.lower()))
+    if not container.intersection(_CONTAINERS):
+        return f"the viewer opens MP4, this file is {info.container}"
+    if info.codec not in _PLAYABLE_CODECS:
+        return f"the viewer does not play the codec {info.codec}"
+    if info.rotation_degrees % 360 or info.mirrored:
+        return "the viewer would not turn or mirror the picture as the file says"
+    if info.sample_aspect_ratio != 1:
+        return f"the viewer would not undo the pixel shape {info.sample_aspect_ratio}"
+    if deinterlaced or info.interlaced:
+        return "the file is interlaced, and the viewer would show both fields at once"
+    if info.size_bytes > LARGEST_VIDEO_BYTES:
+        return (
+            f"the file has {info.size_bytes / 1e6:.0f} MB; a recording takes up to "
+            f"{LARGEST_VIDEO_BYTES / 1e6:.0f} MB in one piece"
+        )
+    try:
+        timestamps_ns = read_video_asset(info.path).timestamps_ns
+        shown_s = _shown_timestamps_s(info.path)
+    except VideoError as error:
+        return str(error)
+    if not _agree(timestamps_ns, shown_s):
+        return (
+            f"the viewer sees {len(timestamps_ns)} pictures where the file shows {len(shown_s)}, "
+            "or at other times (an edit list, or damage)"
+        )
+    return None
+
+
+@lru_cache(maxsize=1)
+def ffmpeg_plays() -> bool:
+    """Whether an ffmpeg that the viewer can use is on PATH."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        return False
+    try:
+        answer = subprocess.run(
+            [program, "-version"], capture_output=True, text=True, timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return False
+    version = re.match(r"ffmpeg version n?(\d+)\.(\d+)", answer.stdout)
+    # Builds from a snapshot carry no number; they are newer than any that is too old.
+    return version is None or tuple(map(int, version.groups())) >= _OLDEST_FFMPEG
+
+
+@dataclass(frozen=True)
+class VideoAsset:
+    """A video as the viewer plays it. timestamps_ns: (T,) of its frames, increasing."""
+
+    asset: rr.AssetVideo
+    timestamps_ns: npt.NDArray[np.int64]
+
+    def references_ns(self, time_s: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+        """For each frame time (from the start of the video), the viewer's timestamp of it."""
+        wanted = np.round(np.asarray(time_s) * 1e9).astype(np.int64) + self.timestamps_ns[0]
+        after = np.clip(np.searchsorted(self.timestamps_ns, wanted), 1, None)
+        after = np.minimum(after, len(self.timestamps_ns) - 1)
+        before = np.maximum(after - 1, 0)
+        nearer = wanted - self.timestamps_ns[before] <= self.timestamps_ns[after] - wanted
+        nearest: npt.NDArray[np.int64] = self.timestamps_ns[np.where(nearer, before, after)]
+        return nearest
+
+
+def read_video_asset(path: Path) -> VideoAsset:
+    """Open a video as the viewer will. Raises VideoError where it could not."""
+    import rerun as rr
+
+    try:
+        # The bytes are given, not the path: Rerun takes .mov and other names for unknown.
+        asset = rr.AssetVideo(contents=path.read_bytes(), media_type="video/mp4")
+        timestamps_ns = np.sort(asset.read_frame_timestamps_nanos())
+    except OSError as error:
+        raise VideoError(f"{path}: cannot be read: {error.strerror}") from error
+    except (RuntimeError, ValueError) as error:
+        raise VideoError(f"the viewer cannot open it: {error}") from error
+    if len(timestamps_ns) == 0:
+        raise VideoError("the viewer finds no frame in it")
+    return VideoAsset(asset, timestamps_ns)
+
+
+def _shown_timestamps_s(path: Path) -> npt.NDArray[np.float64]:
+    """Presentation times of the pictures that a player shows, sorted, without decoding them."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            times = [
+                float(packet.pts * packet.time_base)
+                for packet in container.demux(stream)
+                if packet.pts is not None and not packet.is_discard
+            ]
+    except (av.FFmpegError, IndexError) as error:
+        raise VideoError(f"{path}: its timestamps cannot be read: {error}") from error
+    return np.sort(np.array(times))
+
+
+def _agree(timestamps_ns: npt.NDArray[np.int64], shown_s: npt.NDArray[np.float64]) -> bool:
+    """Whether both lists have the same frames, but for one offset common to all."""
+    if len(timestamps_ns) != len(shown_s):
+        return False
+    theirs = (timestamps_ns - timestamps_ns[0]) / 1e9
+    return bool(np.abs(theirs - (shown_s - shown_s[0])).max() < 1e-3)
+
+
+def encode_jpeg(image: Image) -> bytes:
+    """A BGR picture as the bytes of a JPEG file."""
+    import cv2
+
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise OutputError(f"a picture of shape {image.shape} could not be encoded as JPEG")
+    return data.tobytes()

@@ -1,0 +1,99 @@
+"""Where dancers stand in the recorded world.
+
+Poses lifted from one camera are relative to the pelvis unless the lifter solved the path through
+the room. For looking at them the floor is put at y = 0, and dancers whose place is not known are
+set side by side. The poses themselves are not changed: the offset is kept apart from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dance2pose.poses import Dancer, FloatArray, Track3D, Unit
+
+# Between pelvises set side by side: outstretched arms do not quite touch.
+_SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Offsets of the dancers, and the sentences that tell a reader of them.
+
+    offsets: (N, 3) in the poses' unit, to add to world positions, in the order of the dancers.
+    """
+
+    offsets: FloatArray
+    notes: tuple[str, ...]
+
+
+def positions(track: Track3D) -> FloatArray:
+    """(T, J, 3) joints in the world: on the dancer's path where it is known, else about 0."""
+    return track.xyz if track.root is None else track.xyz + track.root[:, None]
+
+
+def place(dancers: Sequence[Dancer]) -> Placement:
+    """Put the floor at y = 0, and dancers whose path is not known side by side."""
+    if not dancers:
+        return Placement(np.zeros((0, 3)), ())
+    offsets = np.zeros((len(dancers), 3))
+    floors = np.array([_floor(positions(d.smoothed)) for d in dancers])
+    unit = dancers[0].smoothed.unit
+    if all(d.smoothed.root is not None for d in dancers):
+        offsets[:, 1] = -np.nanmin(floors) if np.isfinite(floors).any() else 0.0
+        notes = ["Dancers move along the path that the lifter estimated."]
+    else:
+        offsets[:, 1] = -np.nan_to_num(floors)
+        offsets[:, 0] = _side_by_side(dancers) * _SPACING[unit]
+        notes = [
+            "The path through the room is not known: every pelvis stays in place, and its height "
+            "above the floor is set once for the whole track."
+        ]
+        if len(dancers) > 1:
+            notes.append(
+                f"Dancers are set {_SPACING[unit]:g} {unit} apart, in the order in which they are "
+                "seen from left to right; the distance between them means nothing."
+            )
+    notes += [
+        f"Dancer {d.person} is shown moved by x {x:+.3f}, y {y:+.3f}, z {z:+.3f} {unit}."
+        for d, (x, y, z) in zip(dancers, offsets, strict=True)
+    ]
+    return Placement(offsets, tuple(notes))
+
+
+def _floor(xyz: FloatArray) -> float:
+    """Height of the lowest joint over (T, J, 3), without the one or two wildest frames."""
+    heights = xyz[..., 1]
+    lowest = np.where(np.isnan(heights), np.inf, heights).min(axis=1)
+    lowest = lowest[np.isfinite(lowest)]
+    return float(np.percentile(lowest, 2)) if lowest.size else float("nan")
+
+
+def _side_by_side(dancers: Sequence[Dancer]) -> FloatArray:
+    """(N,) places along x, centred on 0: dancers seen at one time never share a place."""
+    lanes: list[list[int]] = []
+    for i in sorted(range(len(dancers)), key=lambda i: _span(dancers[i])):
+        start = _span(dancers[i])[0]
+        free = [lane for lane in lanes if _span(dancers[lane[-1]])[1] < start]
+        if free:
+            free[0].append(i)
+        else:
+            lanes.append([i])
+    lanes.sort(key=lambda lane: float(np.mean([_image_x(dancers[i]) for i in lane])))
+    places = np.zeros(len(dancers))
+    for place_number, lane in enumerate(lanes):
+        places[lane] = place_number - (len(lanes) - 1) / 2
+    return places
+
+
+def _span(dancer: Dancer) -> tuple[int, int]:
+    frames = dancer.track.frame
+    return (int(frames[0]), int(frames[-1])) if len(frames) else (0, -1)
+
+
+def _image_x(dancer: Dancer) -> float:
+    seen = dancer.track.xy[..., 0]
+    seen = seen[~np.isnan(seen)]
+    return float(seen.mean()) if seen.size else 0.0

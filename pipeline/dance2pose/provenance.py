@@ -1,0 +1,273 @@
+"""What a recording came from: the source file, the models, the settings, and what was done.
+
+Written into the recording as readable text and, value by value, as recording properties.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from dance2pose import __version__
+from dance2pose.errors import DataError
+from dance2pose.poses import Dancer
+
+if TYPE_CHECKING:
+    from dance2pose.video import FrameReader, VideoInfo
+
+Value = str | int | float | bool
+
+# Distributions whose version can change a result.
+_LIBRARIES = (
+    "numpy",
+    "scipy",
+    "opencv-python-headless",
+    "av",
+    "onnxruntime",
+    "scenedetect-headless",
+    "rerun-sdk",
+)
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that the result was made from."""
+
+    name: str
+    size_bytes: int
+    sha256: str
+    details: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Everything that is needed to say what a recording is, and to make it again.
+
+    models: by role (detector, keypoints). settings: every setting by name. stages: what each
+    stage did, in order. warnings: what a reader of the result must know.
+    """
+
+    source: SourceFile
+    models: Mapping[str, SourceFile] = field(default_factory=dict)
+    settings: Mapping[str, Value] = field(default_factory=dict)
+    stages: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    made: str = ""
+
+    def to_markdown(self) -> str:
+        """A page for a reader."""
+        lines = [f"# {_plain(self.source.name)}", ""]
+        if self.made:
+            lines += [f"Made by dance2pose {__version__} on {self.made}.", ""]
+        lines += ["## To know before use", ""]
+        lines += [f"- {_plain(text)}" for text in self.warnings] or ["Nothing to report."]
+        lines += ["", "## Video", "", *_table(_file_rows(self.source))]
+        for role, model in self.models.items():
+            lines += ["", f"## Model: {role}", "", *_table(_file_rows(model))]
+        lines += ["", "## What was done", "", *_table(self.stages)]
+        lines += ["", "## Settings", "", *_table(self.settings)]
+        lines += ["", "## Versions", "", *_table(self.versions), ""]
+        return "\n".join(lines)
+
+    def to_properties(self) -> dict[str, dict[str, Value]]:
+        """The same value by value, in groups: source, model_<role>, settings, stages, ..."""
+        groups: dict[str, dict[str, Value]] = {"source": _file_rows(self.source)}
+        for role, model in self.models.items():
+            groups[f"model_{role}"] = _file_rows(model)
+        groups["settings"] = dict(self.settings)
+        groups["stages"] = dict(self.stages)
+        groups["versions"] = dict(self.versions)
+        groups["warnings"] = {str(i): text for i, text in enumerate(self.warnings, start=1)}
+        return {
+            group: {key.replace(" ", "_"): value for key, value in rows.items()}
+            for group, rows in groups.items()
+            if rows
+        }
+
+
+def _file_rows(file: SourceFile) -> dict[str, Value]:
+    return {
+        "file name": file.name,
+        "size bytes": file.size_bytes,
+        "sha256": file.sha256,
+        **file.details,
+    }
+
+
+def _table(rows: Mapping[str, Value]) -> list[str]:
+    if not rows:
+        return ["None."]
+    body = [f"| {_plain(key)} | {_plain(_text(value))} |" for key, value in rows.items()]
+    return ["| | |", "|---|---|", *body]
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown shows as it is: a file name may hold any character."""
+    one_line = " ".join(text.split())
+    return "".join(f"\\{c}" if c in "\\`*_[]<>#|" else c for c in one_line)
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file in hex, read once while the file stays as it is."""
+    try:
+        status = path.stat()
+        return _sha256(path, status.st_size, status.st_mtime_ns)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+@lru_cache(maxsize=16)
+def _sha256(path: Path, size: int, changed_ns: int) -> str:
+    del size, changed_ns  # a changed file is another entry of the cache
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def recording_id_for(video: VideoInfo, settings: object) -> str:
+    """An id for the recording of this video under these settings.
+
+    The viewer shows only the first of two recordings with one id. Files, the video and the models
+    that `settings` (a dataclass) names, count by their content, so the id is the same wherever
+    the same work is done.
+    """
+    content = {
+        name: file_sha256(value) if isinstance(value, Path) and value.is_file() else str(value)
+        for name, value in _fields(settings).items()
+    }
+    text = json.dumps([__version__, file_sha256(video.path), content], sort_keys=True)
+    return f"dance2pose-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+
+
+def _fields(settings: object) -> dict[str, Any]:
+    if not dataclasses.is_dataclass(settings) or isinstance(settings, type):
+        raise TypeError(f"settings is a {type(settings).__name__}, expected a dataclass")
+    return {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+
+
+class _Loaded(Protocol):
+    """A loaded model that says what it is."""
+
+    @property
+    def description(self) -> Any: ...
+
+
+class _Models(Protocol):
+    """The models of a run."""
+
+    @property
+    def detector(self) -> _Loaded | None: ...
+
+    @property
+    def estimator(self) -> _Loaded: ...
+
+
+def describe_run(
+    frames: FrameReader,
+    models: _Models,
+    settings: object,
+    dancers: Sequence[Dancer],
+    *,
+    picture: str,
+) -> Provenance:
+    """The provenance of a finished run over a video."""
+    loaded = {"detector": models.detector, "keypoints": models.estimator}
+    return Provenance(
+        source=describe_video(frames.info, frames_read=frames.frames_read),
+        models={role: describe_model(m.description) for role, m in loaded.items() if m},
+        settings=describe_settings(settings),
+        stages={
+            "picture": picture,
+            "deinterlaced": "yes" if frames.deinterlaced else "no",
+            **describe_dancers(dancers),
+        },
+        versions=library_versions(),
+        warnings=tuple(frames.warnings),
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def describe_video(info: VideoInfo, *, frames_read: int) -> SourceFile:
+    """The video file, and what was read of it."""
+    details: dict[str, Value] = {
+        "duration s": "unknown" if info.duration_s is None else float(info.duration_s),
+        "frame count": "unknown" if info.frame_count is None else info.frame_count,
+        "frames processed": frames_read,
+        "width": info.width,
+        "height": info.height,
+        "container": info.container,
+        "codec": info.codec,
+        "pixel format": info.pixel_format,
+        "rotation degrees": info.rotation_degrees,
+        "sample aspect ratio": str(info.sample_aspect_ratio),
+        "interlaced": info.interlaced,
+        "interlaced because": info.interlaced_because,
+        "colour matrix": info.colour_matrix,
+    }
+    if info.hdr is not None:
+        details["high dynamic range"] = info.hdr
+    if info.frame_rate is not None:
+        details["average frame rate"] = float(info.frame_rate)
+    return SourceFile(info.path.name, info.size_bytes, file_sha256(info.path), details)
+
+
+def describe_model(description: Any) -> SourceFile:
+    """A model file and how its outputs are read, from its `recognition.ModelDescription`."""
+    path: Path = description.path
+    return SourceFile(
+        path.name,
+        path.stat().st_size,
+        file_sha256(path),
+        {"kind": str(description.kind), "output form": str(description.form)},
+    )
+
+
+def describe_settings(settings: object) -> dict[str, Value]:
+    """Every setting by name; files by their name without the folder."""
+
+    def plain(value: Any) -> Value:
+        if isinstance(value, Path):
+            return value.name
+        return value if isinstance(value, bool | int | float | str) else str(value)
+
+    return {name: plain(value) for name, value in _fields(settings).items()}
+
+
+def describe_dancers(dancers: Sequence[Dancer]) -> dict[str, str]:
+    """What was found of each dancer, in a sentence each."""
+    rows = {"dancers": str(len(dancers)) if dancers else "0: no person was found"}
+    for dancer in dancers:
+        track, joints = dancer.track, dancer.smoothed
+        text = f"frames {track.frame[0]} to {track.frame[-1]}" if len(track) else "no frames"
+        rows[f"dancer {dancer.person}"] = (
+            f"{text} ({len(track)}), shot {track.shot}, {int(track.interpolated.sum())} frames "
+            f"interpolated; keypoints {track.skeleton}, joints {joints.skeleton}, "
+            f"lengths in {joints.unit}"
+        )
+    return rows
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of what the result depends on."""
+    versions = {"dance2pose": __version__, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions

@@ -1,0 +1,190 @@
+"""Results into a Rerun recording (.rrd): written as a stream, complete or absent.
+
+The picture goes out while the video is read; the dancers, the provenance and the blueprint at the
+end. Memory holds one batch of pictures and the poses.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from dance2pose.errors import OutputError
+from dance2pose.output_files import written_whole
+from dance2pose.picture import (
+    PictureChoice,
+    PictureMode,
+    VideoAsset,
+    choose_picture,
+    encode_jpeg,
+    read_video_asset,
+)
+from dance2pose.placement import place
+from dance2pose.poses import Dancer, Frame
+from dance2pose.provenance import Provenance, recording_id_for
+
+# Rerun reports a disk that is full on stderr, in its own words, while it is also told to us.
+_RUST_LOG = os.environ.setdefault("RUST_LOG", "off")
+import rerun as rr  # noqa: E402
+
+from dance2pose.recording_entities import (  # noqa: E402
+    PICTURE,
+    PROVENANCE,
+    Clock,
+    send_dancer,
+    send_static,
+)
+from dance2pose.recording_layout import blueprint  # noqa: E402
+
+if TYPE_CHECKING:
+    from dance2pose.video import VideoInfo
+
+__all__ = [
+    "PictureChoice",
+    "RecordingWriter",
+    "choose_picture",
+    "recording_id_for",
+]
+
+APPLICATION_ID = "dance2pose"
+# A batch of pictures is written out when it has this many bytes.
+_BATCH_BYTES = 4_000_000
+_END_MARK = b"RRF2FOOT"
+
+
+class RecordingWriter:
+    """Writes one recording; use it as a context manager.
+
+    Within it, call `picture_frame` with every processed frame in order, then `write` once. The
+    file appears when the block ends well; after any error there is none. Raises OutputError for
+    what the file system refuses, VideoError where `picture` is video and it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        recording_id: str,
+        picture: PictureMode,
+        video: VideoInfo,
+        overwrite: bool = False,
+    ) -> None:
+        self._path = path
+        self._recording_id = recording_id
+        self._picture = picture
+        self._video = video
+        self._overwrite = overwrite
+        self._frames: list[int] = []
+        self._times: list[float] = []
+        self._pictures: list[bytes] = []
+        self._asset: VideoAsset | None = None
+        self._written = False
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            if self._picture == "video":
+                self._asset = read_video_asset(self._video.path)
+            temporary = stack.enter_context(written_whole(self._path, overwrite=self._overwrite))
+            self._temporary = temporary
+            self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=self._recording_id)
+            stack.callback(self._stream.disconnect)
+            self._stream.save(temporary)
+            self._stream.send_recording_name(self._video.path.name)
+            if self._asset is not None:
+                self._stream.log(PICTURE, self._asset.asset, static=True, strict=True)
+                self._flush()
+            self._exit = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is not None:
+            self._exit.__exit__(kind, error, trace)
+            return
+        with self._exit:
+            if not self._written:
+                raise RuntimeError(f"{self._path}: RecordingWriter.write was not called")
+            self._flush()
+            self._stream.disconnect()
+            self._check_end()
+
+    def picture_frame(self, frame: Frame) -> None:
+        """Take the next processed frame: its time, and its picture where frames are recorded."""
+        if self._picture == "frames":
+            self._pictures.append(encode_jpeg(frame.image))
+        self._frames.append(frame.index)
+        self._times.append(frame.time_s)
+        if sum(map(len, self._pictures)) >= _BATCH_BYTES:
+            self._send_pictures()
+
+    def write(self, dancers: Sequence[Dancer], provenance: Provenance) -> None:
+        """Write the dancers (none is allowed), the provenance and the layout."""
+        self._send_pictures()
+        clock = self._clock()
+        placement = place(dancers)
+        if self._asset is not None and len(clock.frame):
+            references = self._asset.references_ns(clock.time_s)
+            self._send(clock, rr.VideoFrameReference.columns_nanos(references))
+        send_static(self._stream, list(dancers), placement.offsets)
+        for dancer in dancers:
+            if len(dancer.track):
+                send_dancer(self._stream, dancer, clock)
+        if placement.notes:
+            stages = {**provenance.stages, "placement": " ".join(placement.notes)}
+            provenance = replace(provenance, stages=stages)
+        self._write_provenance(provenance)
+        size = (self._video.width, self._video.height)
+        self._stream.send_blueprint(blueprint(dancers, placement, size))
+        self._written = True
+
+    def _clock(self, start: int = 0) -> Clock:
+        return Clock(np.array(self._frames[start:], np.int64), np.array(self._times[start:]))
+
+    def _send_pictures(self) -> None:
+        if not self._pictures:
+            return
+        columns = rr.EncodedImage.columns(
+            blob=self._pictures, media_type=["image/jpeg"] * len(self._pictures)
+        )
+        self._send(self._clock(start=len(self._frames) - len(self._pictures)), columns)
+        self._pictures = []
+        self._flush()
+
+    def _write_provenance(self, provenance: Provenance) -> None:
+        text = rr.TextDocument(provenance.to_markdown(), media_type=rr.MediaType.MARKDOWN)
+        self._stream.log(PROVENANCE, text, static=True, strict=True)
+        for group, values in provenance.to_properties().items():
+            self._stream.send_property(group, rr.AnyValues(drop_untyped_nones=True, **values))
+
+    def _send(self, clock: Clock, columns: rr.ComponentColumnList) -> None:
+        rr.send_columns(PICTURE, clock.columns(), columns, recording=self._stream, strict=True)
+
+    def _flush(self) -> None:
+        """Wait until all is on disk: memory stays bounded, and a full disk shows at once."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise OutputError(
+                f"{self._path}: cannot be written, is the disk full? ({error})"
+            ) from error
+
+    def _check_end(self) -> None:
+        """A recording that is whole ends with its table of contents."""
+        with self._temporary.open("rb") as file:
+            file.seek(-min(64, self._temporary.stat().st_size), os.SEEK_END)
+            if _END_MARK not in file.read():
+                raise OutputError(
+                    f"{self._path}: cannot be written whole, is the disk full? "
+                    "Nothing was left behind"
+                )

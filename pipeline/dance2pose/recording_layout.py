@@ -1,0 +1,148 @@
+"""The blueprint of a recording: picture above, world below, plots and provenance beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from dance2pose.placement import Placement, positions
+from dance2pose.poses import Dancer, FloatArray
+from dance2pose.recording_entities import (
+    PICTURE,
+    PROVENANCE,
+    WORLD,
+    plots_path,
+    quality_plots,
+)
+
+_BACKGROUND = (22, 24, 28)
+_GRID = (120, 120, 130, 110)
+# The viewer's own vertical angle of view, and the least shape a 3D view is expected to have.
+_VIEW_ANGLE = np.radians(55.0)
+_VIEW_ASPECT = 1.4
+# From where the world is first seen: nearly from the camera, so that the pose is recognised in
+# the picture, yet turned and raised enough to show depth.
+_EYE_TURN, _EYE_RISE = np.radians(18.0), np.radians(10.0)
+
+
+def blueprint(
+    dancers: Sequence[Dancer], placement: Placement, image_size: tuple[int, int]
+) -> rrb.Blueprint:
+    """The layout that opens with the recording. image_size: (width, height) px."""
+    width, height = image_size
+    picture = rrb.Spatial2DView(
+        origin=PICTURE,
+        name="Video and keypoints",
+        visual_bounds=rrb.VisualBounds2D(x_range=(0, width), y_range=(0, height)),
+    )
+    provenance = rrb.TextDocumentView(origin=PROVENANCE, name="Provenance")
+    beside = rrb.Tabs(*[_plots(dancer) for dancer in dancers], provenance, active_tab=0)
+    left = rrb.Vertical(picture, _world(dancers, placement)) if dancers else picture
+    return rrb.Blueprint(
+        rrb.Horizontal(left, beside, column_shares=[3, 2]),
+        rrb.TimePanel(timeline="video_time", state="collapsed", loop_mode="all"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView:
+    unit = dancers[0].smoothed.unit
+    centre, size = _extent(dancers, placement)
+    return rrb.Spatial3DView(
+        origin=WORLD,
+        name=f"3D joints ({unit})",
+        background=_BACKGROUND,
+        line_grid=rrb.LineGrid3D(
+            visible=True,
+            spacing=0.5,
+            plane=rr.components.Plane3D((0, 1, 0), 0.0),
+            stroke_width=0.75,
+            color=_GRID,
+        ),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=centre + _eye_distance(size) * _eye_direction(),
+            look_target=centre,
+            eye_up=(0, 1, 0),
+        ),
+    )
+
+
+def _extent(dancers: Sequence[Dancer], placement: Placement) -> tuple[FloatArray, FloatArray]:
+    """Centre (3,) and size (3,) of what the joints fill, without their wildest hundredth."""
+    points = np.concatenate(
+        [
+            (positions(d.smoothed) + offset).reshape(-1, 3)
+            for d, offset in zip(dancers, placement.offsets, strict=True)
+        ]
+    )
+    points = points[~np.isnan(points).any(axis=1)]
+    if not len(points):
+        return np.zeros(3), np.ones(3)
+    low, high = np.percentile(points, [0.5, 99.5], axis=0)
+    return (low + high) / 2, high - low
+
+
+def _eye_direction() -> FloatArray:
+    return np.array(
+        [
+            np.sin(_EYE_TURN) * np.cos(_EYE_RISE),
+            np.sin(_EYE_RISE),
+            np.cos(_EYE_TURN) * np.cos(_EYE_RISE),
+        ]
+    )
+
+
+def _eye_distance(size: FloatArray) -> float:
+    """How far away the eye sees all of it, with a margin."""
+    half_angle = np.tan(_VIEW_ANGLE / 2)
+    needed = max(size[1] / (2 * half_angle), size[0] / (2 * half_angle * _VIEW_ASPECT), 0.3)
+    return float(1.1 * needed + size[2] / 2)
+
+
+def _plots(dancer: Dancer) -> rrb.Vertical:
+    base = plots_path(dancer.person)
+    arms = _angle_plot(base, "Arms: joint angles, degrees", ("elbow", "shoulder"))
+    legs = _angle_plot(base, "Legs: joint angles, degrees", ("knee", "hip"))
+    quality = [
+        rrb.TimeSeriesView(
+            origin=f"{base}/{name}",
+            name=title[0].upper() + title[1:],
+            plot_legend=rrb.PlotLegend(visible=False),
+            axis_y=rrb.ScalarAxis(range=(0.0, _plot_top(name, values))),
+        )
+        for name, (title, values) in quality_plots(dancer).items()
+    ]
+    return rrb.Vertical(
+        arms,
+        legs,
+        *quality,
+        name=f"Dancer {dancer.person}",
+        row_shares=[2, 2, *[1] * len(quality)],
+    )
+
+
+def _angle_plot(base: str, name: str, joints: tuple[str, ...]) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{base}/angle",
+        contents=[
+            f"+ {base}/angle/{side}_{joint}" for joint in joints for side in ("left", "right")
+        ],
+        name=name,
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftBottom),
+        axis_y=rrb.ScalarAxis(range=(0.0, 185.0)),
+    )
+
+
+def _plot_top(name: str, values: FloatArray) -> float:
+    """The top of a plot that starts at 0, so that small values do not look large."""
+    known = values[~np.isnan(values)]
+    least = {"confidence": 1.05, "invalid_bones": 4.0, "reprojection_error": 5.0}.get(name, 0.0)
+    top = float(known.max()) * 1.05 if known.size else 0.0
+    return max(least, top) or 1.0
