@@ -1,0 +1,59 @@
+"""What a dancer wears, cheaply: a colour histogram of the torso."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose import skeleton as skeletons
+from dance2pose.poses import FloatArray, Image
+
+Histogram = npt.NDArray[np.float64]
+
+_TORSO = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+_HUES, _SATURATIONS, _VALUES = 8, 4, 4
+_SMALLEST_SIDE = 4  # px; a smaller patch says nothing
+
+
+def torso_joints(skeleton: str) -> list[int]:
+    """Indices of shoulders and hips in a skeleton; those it has."""
+    joints = skeletons.get(skeleton).joints
+    return [joints.index(name) for name in _TORSO if name in joints]
+
+
+def torso_histogram(
+    image: Image, xy: FloatArray, xyxy: FloatArray, torso: list[int]
+) -> Histogram | None:
+    """Colour histogram of one dancer's torso, summing to 1; None where it is not to be seen.
+
+    xy: (J, 2) px, NaN where missing. xyxy: (4,) px; its middle stands in where fewer than three
+    of shoulders and hips are seen. Hue, saturation and brightness are binned 8 x 4 x 4.
+    """
+    points = xy[torso]
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) >= 3:
+        low, high = points.min(axis=0), points.max(axis=0)
+    else:
+        middle, side = (xyxy[:2] + xyxy[2:]) / 2, xyxy[2:] - xyxy[:2]
+        low, high = middle - side * (0.15, 0.25), middle + side * (0.15, 0.0)
+    height, width = image.shape[:2]
+    left, top = np.clip(np.floor(low), 0, (width, height)).astype(int)
+    right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int)
+    if right - left < _SMALLEST_SIDE or bottom - top < _SMALLEST_SIDE:
+        return None
+    patch = cv2.cvtColor(image[top:bottom, left:right], cv2.COLOR_BGR2HSV)
+    counts = cv2.calcHist(
+        [patch],
+        [0, 1, 2],
+        None,
+        [_HUES, _SATURATIONS, _VALUES],
+        [0, 180, 0, 256, 0, 256],
+    )
+    histogram: Histogram = counts.ravel().astype(np.float64)
+    return histogram / histogram.sum()
+
+
+def likeness(first: Histogram, second: Histogram) -> float:
+    """Bhattacharyya coefficient of two histograms: 1 the same, 0 nothing in common."""
+    return float(np.sqrt(first * second).sum())

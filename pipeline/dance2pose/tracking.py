@@ -1,0 +1,350 @@
+"""Boxes and keypoints of frame after frame, joined into one track a dancer.
+
+Each frame's detections are given to the tracks by one assignment (Hungarian method) over how well
+they agree in motion, box, keypoints and colours. Memory grows with the poses alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from dance2pose import skeleton as skeletons
+from dance2pose.appearance import Histogram, likeness, torso_histogram, torso_joints
+from dance2pose.choosing import choose, parse_person
+from dance2pose.gaps import fill_gaps
+from dance2pose.matching import (
+    NEXT_PICTURE_SIGMA,
+    BoxMotion,
+    Float64Array,
+    box_overlaps,
+    box_sizes,
+    duplicates,
+    keypoint_similarities,
+)
+from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Track2D
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """What counts as seeing a dancer, and for how long one is remembered.
+
+    min_confidence: keypoints below it are missing (NaN). min_keypoints: a pose with fewer is not
+    one. birth_sights: a track needs to be seen this often (or in every frame of a shorter shot).
+    patience_s: a track unseen for longer has ended; whoever comes then is someone new.
+    longest_gap_s: gaps up to this long are interpolated, those of a whole pose and those of a
+    single keypoint; what was interpolated has half of min_confidence, so that a keypoint below
+    min_confidence is always one that was not seen. same_person: keypoint similarity from which
+    two detections of one frame are the same person.
+    """
+
+    min_confidence: float = 0.2
+    min_keypoints: int = 4
+    birth_sights: int = 3
+    patience_s: float = 2.0
+    longest_gap_s: float = 0.25
+    same_person: float = 0.7
+
+
+# Share of each cue in the agreement of a track and a detection; absent cues are left out.
+_MOTION, _BOX, _KEYPOINTS, _COLOURS = 1.0, 1.0, 1.0, 1.5
+# No match further off than this many standard deviations of the motion, ...
+_FURTHEST = 4.0
+# ... nor with a body that is larger or smaller by more than this factor, ...
+_LARGEST_CHANGE = 2.5
+# ... nor with an agreement (0..1) below this.
+_LEAST_AGREEMENT = 0.3
+# Colours are learned from sights that overlap nobody else by more than this (IoU).
+_OVERLAP = 0.1
+_COLOUR_RATE = 0.1
+# A track not yet confirmed ends after this many seconds unseen.
+_TENTATIVE_PATIENCE_S = 0.25
+
+
+@dataclass(frozen=True)
+class _Detections:
+    """The people of one frame: xyxy (N, 4), xy (N, J, 2) with NaN, confidence (N, J)."""
+
+    xyxy: Float64Array
+    xy: Float64Array
+    confidence: Float64Array
+    colours: list[Histogram | None]
+    alone: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.xyxy)
+
+
+@dataclass
+class _Candidate:
+    """Someone who is being followed."""
+
+    shot: int
+    motion: BoxMotion
+    xy: Float64Array  # last pose, (J, 2)
+    centre: Float64Array  # of the box in which it was seen
+    colours: Histogram | None
+    last_time_s: float
+    rows: list[int] = field(default_factory=list)
+    poses: list[FloatArray] = field(default_factory=list)
+    confidences: list[FloatArray] = field(default_factory=list)
+    boxes: list[FloatArray] = field(default_factory=list)
+
+    def expected_xy(self) -> Float64Array:
+        """The last pose, moved to where the person is expected now."""
+        moved: Float64Array = self.xy + (self.motion.state[0] - self.centre)
+        return moved
+
+
+class Tracker:
+    """Joins detections into tracks while they stream in; `finish` gives the tracks.
+
+    skeleton: of the keypoints. image_size: (width, height) px.
+    """
+
+    def __init__(
+        self,
+        skeleton: str,
+        image_size: tuple[int, int],
+        settings: TrackingSettings | None = None,
+    ) -> None:
+        self.skeleton = skeleton
+        self.image_size = image_size
+        self.settings = settings or TrackingSettings()
+        self._joints = len(skeletons.get(skeleton))
+        self._torso = torso_joints(skeleton)
+        self._frame: list[int] = []
+        self._time_s: list[float] = []
+        self._shot_starts: list[int] = [0]
+        self._followed: list[_Candidate] = []
+        self._ended: list[_Candidate] = []
+
+    def update(
+        self,
+        frame_index: int,
+        time_s: float,
+        boxes: Boxes,
+        poses: Poses2D,
+        *,
+        cut: bool,
+        image: Image | None = None,
+    ) -> None:
+        """Take in one processed frame, with or without people in it.
+
+        boxes, poses: the same N people in the same order. cut: whether a new shot begins with
+        this frame; no track goes on across it. image: the picture, to tell people by their
+        colours; it is not kept. Frame indices must increase and times must not run backwards
+        (ValueError).
+        """
+        self._check(frame_index, time_s, boxes, poses)
+        step_s = time_s - self._time_s[-1] if self._time_s else 0.0
+        if cut and self._frame:
+            self._end(self._followed)
+            self._shot_starts.append(len(self._frame))
+        self._frame.append(frame_index)
+        self._time_s.append(time_s)
+        self._end([c for c in self._followed if self._is_over(c, time_s)])
+        for candidate in self._followed:
+            candidate.motion.advance(step_s)
+        detections = self._detections(boxes, poses, image)
+        free = np.arange(len(detections))
+        # Those who are known choose first: a newcomer must not take a dancer's detection.
+        confirmed = [c for c in self._followed if self._is_confirmed(c)]
+        tentative = [c for c in self._followed if not self._is_confirmed(c)]
+        for group in (confirmed, tentative):
+            free = self._assign(group, detections, free)
+        for i in free:
+            self._followed.append(self._begin(detections, int(i)))
+
+    def finish(self, person: str | int = "auto") -> list[Track2D]:
+        """The tracks of the people asked for, numbered from 1 by prominence.
+
+        person: "auto" (the most prominent one, and all others of comparable prominence), "all",
+        "largest", "central", or a number; see `choosing.choose`. No person found gives an empty
+        list. Raises UsageError for a person that is not there.
+        """
+        parse_person(person)
+        everyone = sorted(self._ended + self._followed, key=lambda c: c.rows[0])
+        ends = [*self._shot_starts[1:], len(self._frame)]
+        frames_of_shot = {
+            shot: end - start
+            for shot, (start, end) in enumerate(zip(self._shot_starts, ends, strict=True))
+        }
+        kept = [
+            c
+            for c in everyone
+            if len(c.rows) >= min(self.settings.birth_sights, frames_of_shot[c.shot])
+        ]
+        return choose([self._track(c) for c in kept], person, frames_of_shot=frames_of_shot)
+
+    def _check(self, frame_index: int, time_s: float, boxes: Boxes, poses: Poses2D) -> None:
+        if len(boxes) != len(poses):
+            raise ValueError(f"{len(boxes)} boxes do not fit {len(poses)} poses")
+        if poses.skeleton != self.skeleton or poses.xy.shape[1] != self._joints:
+            raise ValueError(
+                f"poses are {poses.skeleton} with {poses.xy.shape[1]} keypoints,"
+                f" expected {self.skeleton} with {self._joints}"
+            )
+        if self._frame and (frame_index <= self._frame[-1] or time_s < self._time_s[-1]):
+            raise ValueError(
+                f"frame {frame_index} at {time_s} s comes after"
+                f" frame {self._frame[-1]} at {self._time_s[-1]} s"
+            )
+
+    def _detections(self, boxes: Boxes, poses: Poses2D, image: Image | None) -> _Detections:
+        """Those who show enough keypoints, each person once."""
+        confidence = np.nan_to_num(poses.confidence.astype(np.float64))
+        xy = poses.xy.astype(np.float64)
+        missing = ~np.isfinite(xy).all(axis=2) | (confidence < self.settings.min_confidence)
+        xy[missing], confidence[missing] = np.nan, 0
+        xyxy = boxes.xyxy.astype(np.float64)
+        keep = np.isfinite(xyxy).all(axis=1)
+        keep &= (~missing).sum(axis=1) >= min(self.settings.min_keypoints, self._joints)
+        strength = boxes.confidence * confidence.mean(axis=1)
+        xy, xyxy, confidence = xy[keep], xyxy[keep], confidence[keep]
+        once = ~duplicates(xy, xyxy, strength[keep], threshold=self.settings.same_person)
+        xy, xyxy, confidence = xy[once], xyxy[once], confidence[once]
+        overlap = box_overlaps(xyxy, xyxy) - np.eye(len(xyxy))
+        alone = np.max(overlap, axis=1, initial=0) < _OVERLAP
+        colours = [
+            None if image is None else torso_histogram(image, xy[i], xyxy[i], self._torso)
+            for i in range(len(xyxy))
+        ]
+        return _Detections(xyxy, xy, confidence, colours, alone)
+
+    def _assign(
+        self, candidates: list[_Candidate], detections: _Detections, free: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64]:
+        """Give the free detections to the candidates; returns those that stay free."""
+        if not candidates or not len(free):
+            return free
+        agreement = np.array([self._agreement(c, detections, free) for c in candidates])
+        pairs = zip(*linear_sum_assignment(-agreement), strict=True)
+        taken = []
+        for row, column in pairs:
+            if agreement[row, column] >= _LEAST_AGREEMENT:
+                self._see(candidates[row], detections, int(free[column]))
+                taken.append(column)
+        return np.delete(free, taken)
+
+    def _agreement(
+        self, candidate: _Candidate, detections: _Detections, free: npt.NDArray[np.int64]
+    ) -> Float64Array:
+        """Weighted mean of the cues for each free detection, 0..1; 0 where it cannot be."""
+        xyxy, motion = detections.xyxy[free], candidate.motion
+        away = motion.deviations(xyxy)
+        size = np.array([motion.size])
+        cues = [
+            (_MOTION, np.exp(-np.square(away) / 8)),
+            (_BOX, box_overlaps(motion.xyxy[np.newaxis], xyxy)[0]),
+            (
+                _KEYPOINTS,
+                keypoint_similarities(
+                    candidate.expected_xy()[np.newaxis],
+                    detections.xy[free],
+                    size,
+                    sigma=NEXT_PICTURE_SIGMA,
+                )[0],
+            ),
+        ]
+        if candidate.colours is not None:
+            cues.append((_COLOURS, self._colour_cue(candidate.colours, detections, free)))
+        weights = np.array([weight for weight, _ in cues])[:, np.newaxis]
+        values = np.array([value for _, value in cues])
+        known = np.isfinite(values)
+        total = np.where(known, weights * values, 0).sum(axis=0) / (weights * known).sum(axis=0)
+        change = np.abs(np.log(box_sizes(xyxy) / motion.size))
+        possible = (away <= _FURTHEST) & (change <= np.log(_LARGEST_CHANGE))
+        agreement: Float64Array = np.where(possible, total, 0)
+        return agreement
+
+    def _colour_cue(
+        self, colours: Histogram, detections: _Detections, free: npt.NDArray[np.int64]
+    ) -> Float64Array:
+        seen = [detections.colours[i] for i in free]
+        return np.array([np.nan if c is None else likeness(colours, c) for c in seen])
+
+    def _begin(self, detections: _Detections, i: int) -> _Candidate:
+        xyxy = detections.xyxy[i]
+        candidate = _Candidate(
+            shot=len(self._shot_starts) - 1,
+            motion=BoxMotion(xyxy),
+            xy=detections.xy[i],
+            centre=(xyxy[:2] + xyxy[2:]) / 2,
+            colours=detections.colours[i],
+            last_time_s=self._time_s[-1],
+        )
+        self._record(candidate, detections, i)
+        return candidate
+
+    def _see(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
+        xyxy, colours = detections.xyxy[i], detections.colours[i]
+        candidate.motion.correct(xyxy)
+        # Keypoints not seen now keep the place they had, moved along with the body.
+        expected = candidate.expected_xy()
+        candidate.xy = np.where(np.isfinite(detections.xy[i]), detections.xy[i], expected)
+        candidate.centre = candidate.motion.state[0].copy()
+        candidate.last_time_s = self._time_s[-1]
+        if colours is not None and candidate.colours is None:
+            candidate.colours = colours
+        elif colours is not None and candidate.colours is not None and detections.alone[i]:
+            candidate.colours = candidate.colours + _COLOUR_RATE * (colours - candidate.colours)
+        self._record(candidate, detections, i)
+
+    def _record(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
+        candidate.rows.append(len(self._frame) - 1)
+        candidate.poses.append(detections.xy[i].astype(np.float32))
+        candidate.confidences.append(detections.confidence[i].astype(np.float32))
+        candidate.boxes.append(detections.xyxy[i].astype(np.float32))
+
+    def _is_confirmed(self, candidate: _Candidate) -> bool:
+        return len(candidate.rows) >= self.settings.birth_sights
+
+    def _is_over(self, candidate: _Candidate, time_s: float) -> bool:
+        patience = (
+            self.settings.patience_s if self._is_confirmed(candidate) else _TENTATIVE_PATIENCE_S
+        )
+        return time_s - candidate.last_time_s > patience
+
+    def _end(self, candidates: list[_Candidate]) -> None:
+        over = {id(candidate) for candidate in candidates}
+        self._ended += [c for c in self._followed if id(c) in over and self._may_count(c)]
+        self._followed = [c for c in self._followed if id(c) not in over]
+
+    def _may_count(self, candidate: _Candidate) -> bool:
+        """Whether `finish` could keep it: seen often enough, or in all of a very short shot."""
+        shot_frames = len(self._frame) - self._shot_starts[candidate.shot]
+        return len(candidate.rows) >= min(self.settings.birth_sights, shot_frames)
+
+    def _track(self, candidate: _Candidate) -> Track2D:
+        first, last = candidate.rows[0], candidate.rows[-1]
+        length = last - first + 1
+        rows = np.array(candidate.rows) - first
+        time_s = np.array(self._time_s[first : last + 1])
+        xy = np.full((length, self._joints, 2), np.nan, np.float32)
+        confidence = np.zeros((length, self._joints), np.float32)
+        box = np.full((length, 4), np.nan, np.float32)
+        xy[rows], confidence[rows], box[rows] = (
+            candidate.poses,
+            candidate.confidences,
+            candidate.boxes,
+        )
+        xy, filled = fill_gaps(xy, time_s, longest_s=self.settings.longest_gap_s)
+        confidence[filled] = self.settings.min_confidence / 2
+        unseen = np.ones(length, np.bool_)
+        unseen[rows] = False
+        return Track2D(
+            person=1,  # numbered by `choose`
+            frame=np.array(self._frame[first : last + 1], np.int64),
+            time_s=time_s,
+            xy=xy,
+            confidence=confidence,
+            skeleton=self.skeleton,
+            interpolated=unseen & filled.any(axis=1),
+            box=box,
+            image_size=self.image_size,
+            shot=candidate.shot,
+        )
