@@ -1,0 +1,150 @@
+"""2D keypoints: a picture and its boxes -> poses, or with a one-stage model a picture -> both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose import skeleton as skeletons
+from dance2pose.detection import WholePictureModel, boxes_in_image, has_area
+from dance2pose.errors import ModelError
+from dance2pose.image_input import ImageInput, to_image
+from dance2pose.inference import Array, Session
+from dance2pose.poses import Boxes, Image, Poses2D
+from dance2pose.recognition import FORMS, ModelDescription, open_model
+
+# Crops a call where the graph takes any number: enough to keep the cores busy, and the memory of
+# a crowded frame stays bounded.
+LARGEST_BATCH = 16
+
+
+@runtime_checkable
+class KeypointEstimator(Protocol):
+    """Finds the keypoints of people whose boxes are known."""
+
+    description: ModelDescription
+    skeleton: str
+
+    def estimate(self, image: Image, boxes: Boxes) -> Poses2D:
+        """One pose a box, in the order of the boxes; no box, no pose."""
+        ...
+
+
+@runtime_checkable
+class OneStageEstimator(Protocol):
+    """Finds people and their keypoints at once."""
+
+    description: ModelDescription
+    skeleton: str
+
+    def find(self, image: Image) -> tuple[Boxes, Poses2D]:
+        """The people in a picture, the surest first, and their keypoints."""
+        ...
+
+
+class OnnxKeypoints:
+    """A top-down estimator that runs an ONNX model on a crop of every person."""
+
+    def __init__(self, session: Session, description: ModelDescription) -> None:
+        self.description = description
+        self.skeleton = _skeleton(description)
+        manifest = description.manifest
+        self._session = session
+        self._decode = FORMS[description.form].decode
+        image = next(tensor for tensor in session.inputs if len(tensor.shape) == 4)
+        self._image_name = image.name
+        self._fixed_batch = image.shape[0]
+        self._batch = min(self._fixed_batch or LARGEST_BATCH, manifest.max_batch or LARGEST_BATCH)
+        self._input = ImageInput(manifest, image.dtype)
+        self._roles, self._outputs = zip(*description.roles.items(), strict=True)
+
+    def estimate(self, image: Image, boxes: Boxes) -> Poses2D:
+        joints = len(skeletons.get(self.skeleton))
+        xy = np.full((len(boxes), joints, 2), np.nan)
+        confidence = np.zeros((len(boxes), joints))
+        usable = np.flatnonzero(has_area(boxes))
+        for start in range(0, len(usable), self._batch):
+            rows = usable[start : start + self._batch]
+            tensor, affines = self._input.crops(image, boxes.xyxy[rows])
+            points, scores = self._run(tensor)
+            confidence[rows] = scores[:, :joints]
+            for row, network_xy, affine in zip(rows, points, affines, strict=True):
+                xy[row] = to_image(network_xy[:joints].astype(np.float64), affine)
+        return _poses(xy, confidence, self.skeleton)
+
+    def _run(self, tensor: Array) -> tuple[Array, Array]:
+        """Keypoints in the network's input and scores of a tensor of N crops."""
+        count = len(tensor)
+        if self._fixed_batch and count < self._fixed_batch:
+            padded = self._input.empty(self._fixed_batch)
+            padded[:count] = tensor
+            tensor = padded
+        values = self._session.run({self._image_name: tensor}, self._outputs)
+        if len(values[0]) != len(tensor):
+            raise ModelError(
+                f"{self.description.path}: gave {len(values[0])} poses for {len(tensor)} crops; "
+                f"state max_batch = 1 in its manifest"
+            )
+        points, scores = self._decode(
+            dict(zip(self._roles, values, strict=True)), self.description.manifest
+        )
+        return points[:count], scores[:count]
+
+
+class OnnxOneStage(WholePictureModel):
+    """A one-stage estimator that runs an ONNX model."""
+
+    def __init__(self, session: Session, description: ModelDescription) -> None:
+        super().__init__(session, description)
+        self.skeleton = _skeleton(description)
+
+    def find(self, image: Image) -> tuple[Boxes, Poses2D]:
+        found, image_from_network = self.find_in_network(image)
+        assert found.xy is not None and found.confidence is not None
+        boxes = boxes_in_image(found, image_from_network, image)
+        kept = has_area(boxes)
+        joints = len(skeletons.get(self.skeleton))
+        xy = to_image(found.xy[kept, :joints].astype(np.float64), image_from_network)
+        confidence = found.confidence[kept, :joints].astype(np.float64)
+        return (
+            Boxes(boxes.xyxy[kept], boxes.confidence[kept]),
+            _poses(xy, confidence, self.skeleton),
+        )
+
+
+def load_pose_model(
+    path: Path, *, manifest: Path | None = None, threads: int | None = None
+) -> KeypointEstimator | OneStageEstimator:
+    """A pose model from an ONNX file or its manifest (.toml).
+
+    Raises ModelError for a model that cannot be loaded, is not recognised, or is a detector.
+    """
+    session, description = open_model(Path(path), manifest=manifest, threads=threads)
+    if description.kind == "detector":
+        raise ModelError(
+            f"{path}: is a person detector ({description.form}), expected a pose model; "
+            f"give it as the detector instead"
+        )
+    if description.kind == "one-stage":
+        return OnnxOneStage(session, description)
+    return OnnxKeypoints(session, description)
+
+
+def _skeleton(description: ModelDescription) -> str:
+    assert description.manifest.skeleton is not None  # Manifest checks it for pose models
+    return description.manifest.skeleton
+
+
+def _poses(
+    xy: npt.NDArray[np.float64], confidence: npt.NDArray[np.float64], skeleton: str
+) -> Poses2D:
+    """Poses with the model's scores in 0..1; a keypoint with no score at all is missing."""
+    missing = (confidence <= 0) | ~np.isfinite(xy).all(axis=-1)
+    return Poses2D(
+        np.where(missing[..., None], np.nan, xy),
+        np.where(missing, 0, np.clip(confidence, 0, 1)),
+        skeleton,
+    )

@@ -1,0 +1,247 @@
+"""The output forms of top-down pose models: a crop of one person -> keypoints."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose.detector_forms import IMAGENET
+from dance2pose.forms import SKELETONS_BY_COUNT, Graph, Match, OutputForm, Outputs
+from dance2pose.inference import Array, TensorInfo
+from dance2pose.manifest import Manifest
+
+Keypoints = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+CROP_INPUT = {"colour_order": "RGB", **IMAGENET, "resize": "crop"}
+_CROP_ASSUMED = ["RGB with ImageNet's mean and std, as MMPose, PaddleDetection and ViTPose train"]
+
+
+# Heatmaps -------------------------------------------------------------------------------------
+
+
+def _match_heatmap(graph: Graph) -> Match | None:
+    maps = [t for t in graph.outputs if len(t.shape) == 4 and t.shape[1] not in (None, 1)]
+    if len(maps) != 1 or any(t.dtype.kind == "f" and t not in maps for t in graph.outputs):
+        return None
+    heatmap = maps[0]
+    channels, height, width = _channels_first(heatmap, graph)
+    if height * graph.width != width * graph.height or not 1 < height <= graph.height:
+        return None
+    reasons = [
+        f"{heatmap}: {channels} heatmaps of {width}x{height}, "
+        f"1/{graph.height / height:g} of the input"
+    ]
+    reasons += [f"{t}: the place of the maximum, not needed" for t in graph.outputs if t != heatmap]
+    return Match(
+        {"heatmap": heatmap.name},
+        reasons,
+        {**CROP_INPUT, "refinement": "quarter"},
+        [*_CROP_ASSUMED, "heatmap pixel i lies at input pixel i * stride (ViTPose: corners)"],
+        keypoints=channels,
+        default_size=(192, 256),
+    )
+
+
+def _channels_first(heatmap: TensorInfo, graph: Graph) -> tuple[int, int, int]:
+    """(keypoints, height, width) of a heatmap output, whichever axis the keypoints are on."""
+    _, a, b, c = (length or 0 for length in heatmap.shape)
+    keypoints_last = graph.layout == "NHWC" and c in SKELETONS_BY_COUNT
+    return (c, a, b) if keypoints_last and b * graph.height == a * graph.width else (a, b, c)
+
+
+def _decode_heatmap(outputs: Outputs, manifest: Manifest) -> Keypoints:
+    heatmap = outputs["heatmap"].astype(np.float32, copy=False)
+    width, height = manifest.input_width, manifest.input_height
+    if heatmap.shape[2] * width != heatmap.shape[3] * height:  # keypoints on the last axis
+        heatmap = np.ascontiguousarray(heatmap.transpose(0, 3, 1, 2))
+    people, keypoints, rows, columns = heatmap.shape
+    best = heatmap.reshape(people, keypoints, -1).argmax(axis=2)
+    y, x = np.divmod(best, columns)
+    score = np.take_along_axis(heatmap.reshape(people, keypoints, -1), best[..., None], axis=2)
+    xy = np.stack([x, y], axis=2).astype(np.float32)
+    if manifest.refinement == "quarter":
+        xy += quarter_pixel_shift(heatmap, x, y)
+    elif manifest.refinement == "dark":
+        xy += dark_shift(heatmap, x, y)
+    if manifest.heatmap_alignment == "corners":
+        stride = np.array([(width - 1) / (columns - 1), (height - 1) / (rows - 1)], np.float32)
+    else:
+        stride = np.array([width / columns, height / rows], np.float32)
+    return xy * stride, score[..., 0]
+
+
+def quarter_pixel_shift(heatmap: Array, x: Array, y: Array) -> npt.NDArray[np.float32]:
+    """(N, K, 2) shifts of 0.25 px from the maxima (x, y) towards the larger neighbour."""
+    rows, columns = heatmap.shape[2:]
+    person, keypoint = np.ogrid[: heatmap.shape[0], : heatmap.shape[1]]
+    inside = (x > 0) & (x < columns - 1) & (y > 0) & (y < rows - 1)
+    x, y = np.clip(x, 1, columns - 2), np.clip(y, 1, rows - 2)
+    dx = heatmap[person, keypoint, y, x + 1] - heatmap[person, keypoint, y, x - 1]
+    dy = heatmap[person, keypoint, y + 1, x] - heatmap[person, keypoint, y - 1, x]
+    shift = 0.25 * np.sign(np.stack([dx, dy], axis=2)) * inside[..., None]
+    return np.asarray(shift, np.float32)
+
+
+# Width of the Gaussian that the published models' heatmaps were trained with, as a kernel size,
+# for heatmaps 64 px high (Zhang et al. 2020 use 11 for sigma 2); scaled to other heights.
+_DARK_KERNEL, _DARK_ROWS = 11, 64
+
+
+def dark_shift(heatmap: Array, x: Array, y: Array) -> npt.NDArray[np.float32]:
+    """(N, K, 2) shifts from the maxima (x, y) to the tops of the Gaussians they sample.
+
+    One Newton step on the logarithm of the smoothed heatmap (Zhang et al., CVPR 2020, equation
+    8). Maxima within two pixels of the border, and those where the curvature is not that of a
+    top, stay where they are; no shift is longer than a pixel.
+    """
+    people, keypoints, rows, columns = heatmap.shape
+    kernel = max(3, int(_DARK_KERNEL * rows / _DARK_ROWS) // 2 * 2 + 1)
+    shifts = np.zeros((people, keypoints, 2), np.float32)
+    for n in range(people):
+        for k in range(keypoints):
+            j, i = int(x[n, k]), int(y[n, k])
+            if not (2 <= j < columns - 2 and 2 <= i < rows - 2):
+                continue
+            smooth = np.asarray(cv2.GaussianBlur(heatmap[n, k], (kernel, kernel), 0))
+            patch = np.log(np.maximum(smooth[i - 2 : i + 3, j - 2 : j + 3], 1e-10)).astype(float)
+            shifts[n, k] = _newton_step(patch)
+    return shifts
+
+
+def _newton_step(patch: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(dx, dy) from the centre of a (5, 5) patch to the top of the parabola through it."""
+    dx = (patch[2, 3] - patch[2, 1]) / 2
+    dy = (patch[3, 2] - patch[1, 2]) / 2
+    dxx = (patch[2, 4] - 2 * patch[2, 2] + patch[2, 0]) / 4
+    dyy = (patch[4, 2] - 2 * patch[2, 2] + patch[0, 2]) / 4
+    dxy = (patch[3, 3] - patch[1, 3] - patch[3, 1] + patch[1, 1]) / 4
+    determinant = dxx * dyy - dxy**2
+    if determinant <= 1e-12 or dxx >= 0:
+        return np.zeros(2)
+    step = np.array([dxy * dy - dyy * dx, dxy * dx - dxx * dy]) / determinant
+    return np.asarray(np.clip(step, -1, 1))
+
+
+# SimCC ----------------------------------------------------------------------------------------
+
+
+def _match_simcc(graph: Graph) -> Match | None:
+    if len(graph.outputs) != 2 or any(len(t.shape) != 3 for t in graph.outputs):
+        return None
+    first, second = graph.outputs
+    if first.shape[1] != second.shape[1] or first.dtype.kind != "f":
+        return None
+    pairs = [(first, second), (second, first)]
+    if "simcc_x" in second.name.lower():
+        pairs.reverse()
+    for along_x, along_y in pairs:
+        x_bins, y_bins = along_x.shape[2] or 0, along_y.shape[2] or 0
+        if x_bins * graph.height == y_bins * graph.width and x_bins >= graph.width:
+            return Match(
+                {"simcc_x": along_x.name, "simcc_y": along_y.name},
+                [
+                    f"{along_x}, {along_y}: a classification along x and one along y, "
+                    f"{x_bins / graph.width:g} bins a pixel"
+                ],
+                CROP_INPUT,
+                _CROP_ASSUMED,
+                keypoints=along_x.shape[1],
+            )
+    return None
+
+
+def _decode_simcc(outputs: Outputs, manifest: Manifest) -> Keypoints:
+    """SimCC (Li et al., ECCV 2022) as RTMPose emits it; the score is the smaller maximum."""
+    along_x, along_y = outputs["simcc_x"], outputs["simcc_y"]
+    bins_per_pixel = (
+        along_x.shape[2] / manifest.input_width,
+        along_y.shape[2] / manifest.input_height,
+    )
+    places = np.stack([along_x.argmax(axis=2), along_y.argmax(axis=2)], axis=2)
+    score = np.minimum(along_x.max(axis=2), along_y.max(axis=2))
+    return (places / np.array(bins_per_pixel)).astype(np.float32), score
+
+
+# MoveNet, one person --------------------------------------------------------------------------
+
+
+def _match_movenet(graph: Graph) -> Match | None:
+    if len(graph.outputs) != 1 or graph.outputs[0].shape[1:] != (1, 17, 3):
+        return None
+    return Match(
+        {"keypoints": graph.outputs[0].name},
+        [f"{graph.outputs[0]}: y, x in fractions and a score for 17 keypoints, as MoveNet"],
+        {"colour_order": "RGB", "resize": "crop"},
+        ["RGB 0-255"],
+        keypoints=17,
+        default_size=(192, 192),
+    )
+
+
+def _decode_movenet(outputs: Outputs, manifest: Manifest) -> Keypoints:
+    values = outputs["keypoints"][:, 0]
+    size = np.array([manifest.input_width, manifest.input_height], np.float32)
+    return values[..., 1::-1] * size - 0.5, values[..., 2]
+
+
+# BlazePose ------------------------------------------------------------------------------------
+
+_LANDMARKS, _BLAZEPOSE = 39, 33  # the last six are helpers of its own tracker
+
+
+def _match_blazepose(graph: Graph) -> Match | None:
+    landmarks = [t for t in graph.outputs if t.shape[1:] == (_LANDMARKS * 5,)]
+    if len(landmarks) != 1:
+        return None
+    return Match(
+        {"landmarks": landmarks[0].name},
+        [f"{landmarks[0]}: 39 landmarks of x, y, z, visibility, presence, as BlazePose"],
+        {
+            "colour_order": "RGB",
+            "std": (255.0, 255.0, 255.0),
+            "resize": "crop",
+            "skeleton": "blazepose33",
+        },
+        ["RGB 0-1; crops stay upright (BlazePose's own tracker turns them with the body)"],
+        keypoints=_BLAZEPOSE,
+    )
+
+
+def _decode_blazepose(outputs: Outputs, manifest: Manifest) -> Keypoints:
+    del manifest
+    values = outputs["landmarks"].reshape(-1, _LANDMARKS, 5)[:, :_BLAZEPOSE]
+    logit = np.minimum(values[..., 3], values[..., 4]).astype(np.float64)
+    return values[..., :2] - np.float32(0.5), (1 / (1 + np.exp(-logit))).astype(np.float32)
+
+
+POSE_FORMS = (
+    OutputForm(
+        "movenet",
+        "pose",
+        "[1, 1, 17, 3] y, x, score (MoveNet single-pose)",
+        _match_movenet,
+        _decode_movenet,
+    ),
+    OutputForm(
+        "blazepose",
+        "pose",
+        "[1, 195] landmarks (BlazePose)",
+        _match_blazepose,
+        _decode_blazepose,
+    ),
+    OutputForm(
+        "heatmap",
+        "pose",
+        "[B, K, h, w] heatmaps, with or without an integer argmax (HRNet, ViTPose, TinyPose)",
+        _match_heatmap,
+        _decode_heatmap,
+    ),
+    OutputForm(
+        "simcc",
+        "pose",
+        "[B, K, bins] twice, along x and along y (RTMPose)",
+        _match_simcc,
+        _decode_simcc,
+    ),
+)
