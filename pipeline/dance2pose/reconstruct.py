@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dance2pose import exchange, lifting, smoothing
+from dance2pose import exchange, smoothing
 from dance2pose.config import Settings
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
+from dance2pose.lifting.lift import lift
 from dance2pose.output_files import check_output
 from dance2pose.poses import Boxes, Dancer, Image, Poses2D, Track2D
 from dance2pose.progress import Progress, Silent
@@ -66,7 +67,7 @@ def load_models(settings: Settings) -> PoseModels:
     if settings.pose is None:
         raise UsageError(
             "no keypoint model is named; name ONNX models with --detector D.onnx --pose P.onnx\n"
-            f"or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
+            "or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
             "and `dance2pose demo` shows a result without any"
         )
     estimator = load_pose_model(settings.pose)
@@ -94,7 +95,8 @@ def reconstruct(
     output; then no output file is left behind.
     """
     progress = progress or Silent()
-    check_output(output, overwrite=overwrite)
+    for path in (output, *(_npz_paths(output, 1) if settings.npz else ())):
+        check_output(path, overwrite=overwrite)
     with open_video(
         video,
         start_s=settings.start,
@@ -161,7 +163,7 @@ def observe(
 
 def to_3d(track: Track2D, settings: Settings) -> Dancer:
     """Lift one dancer's keypoints and smooth the joints over time."""
-    raw = lifting.lift(
+    raw = lift(
         track,
         lifter=settings.lifter,
         height_m=settings.height,
@@ -170,26 +172,29 @@ def to_3d(track: Track2D, settings: Settings) -> Dancer:
     )
     model = settings.temporal_model
     smoothed = (
-        raw
-        if model == "none"
-        else smoothing.smooth_track(raw, model=model, window=settings.window)
+        raw if model == "none" else smoothing.smooth_track(raw, model=model, window=settings.window)
     )
     return Dancer(track, raw, smoothed)
+
+
+def _npz_paths(output: Path, dancer: int) -> tuple[Path, Path]:
+    """Where a dancer's poses and keypoints go: OUT.npz for the first, OUT.dancer_2.npz ..."""
+    stem = output.stem if dancer == 1 else f"{output.stem}.dancer_{dancer}"
+    return output.with_name(f"{stem}.npz"), output.with_name(f"{stem}.track.npz")
 
 
 def _write_npz(
     output: Path, dancers: Sequence[Dancer], settings: Settings, *, overwrite: bool
 ) -> list[Path]:
-    """OUT.npz and OUT.track.npz for the first dancer, OUT.dancer_N.npz ... for the others."""
     if not settings.npz:
         return []
-    files = []
-    for number, dancer in enumerate(dancers, start=1):
-        stem = output.stem if number == 1 else f"{output.stem}.dancer_{dancer.person}"
-        poses, track = output.with_name(f"{stem}.npz"), output.with_name(f"{stem}.track.npz")
+    paths = [_npz_paths(output, number) for number in range(1, len(dancers) + 1)]
+    files = [path for pair in paths for path in pair]
+    for path in files:
+        check_output(path, overwrite=overwrite)
+    for (poses, track), dancer in zip(paths, dancers, strict=True):
         exchange.write_poses(poses, dancer.smoothed, overwrite=overwrite)
         exchange.write_track(track, dancer.track, overwrite=overwrite)
-        files += [poses, track]
     return files
 
 
