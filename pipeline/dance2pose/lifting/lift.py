@@ -1,0 +1,122 @@
+"""Lifting one dancer's keypoints to 3D: the lifters by name, and all that they share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dance2pose import skeleton as skeletons
+from dance2pose.errors import DataError, UsageError
+from dance2pose.lifting import limits
+from dance2pose.lifting.lifted import Lifted, Lifter, Observed
+from dance2pose.mocap.corpus import BODY_HEIGHT_MM
+from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
+
+# Each is imported when it is asked for: the default one brings its network with it.
+LIFTERS = ("default", "paper")
+CAMERAS = ("weak-perspective", "perspective")
+
+
+def lift(
+    track: Track2D,
+    *,
+    lifter: str = "default",
+    height_m: float | None = None,
+    independent: bool = False,
+    camera: str = "weak-perspective",
+    fov_deg: float | None = None,
+) -> Track3D:
+    """The 3D poses of one dancer, one for every frame of the track.
+
+    lifter: "paper" lifts every frame alone by pursuit over a pose dictionary; "default" looks at
+    the whole track. height_m: the dancer's body height, for a result in metres; without it the
+    unit is the body height. independent: the frames are unrelated pictures, so that nothing flows
+    between them. camera, fov_deg: the camera model, and its horizontal field of view in degrees
+    where that is known.
+
+    The result is in the track's lifting skeleton (body17 for keypoint skeletons), in world axes as
+    the camera sees them, first joint at the origin; frames of which nothing is known are NaN.
+    Raises UsageError for an unknown skeleton, lifter, camera or a height that is no body height,
+    DataError for a track whose arrays do not fit its skeleton.
+    """
+    if height_m is not None and not (math.isfinite(height_m) and height_m > 0):
+        raise UsageError(f"body height of {height_m} m; expected a positive number of metres")
+    observed = observe(track, independent=independent, camera=camera, fov_deg=fov_deg)
+    lift_frames = _lifter(lifter)
+    seen = np.isfinite(observed.xy).all(axis=2)
+    lifted = lift_frames(observed) if seen.any() else _nothing(observed)
+    per_mm = (height_m or 1.0) / BODY_HEIGHT_MM
+    unit: Unit = "body heights" if height_m is None else "metres"
+    known = np.isfinite(lifted.xyz).all(axis=2)
+    error = np.linalg.norm(lifted.projected - observed.xy, axis=2)
+    return Track3D(
+        person=track.person,
+        frame=track.frame,
+        time_s=track.time_s,
+        xyz=lifted.xyz * per_mm,
+        unit=unit,
+        skeleton=observed.skeleton,
+        reprojection_error=error,
+        valid=_valid(lifted.xyz, observed.skeleton),
+        estimated=known & ~(seen & (observed.confidence > 0)),
+        sigma=None if lifted.sigma is None else lifted.sigma * per_mm,
+        root=None if lifted.root is None else lifted.root * per_mm,
+    )
+
+
+def observe(
+    track: Track2D,
+    *,
+    independent: bool = False,
+    camera: str = "weak-perspective",
+    fov_deg: float | None = None,
+) -> Observed:
+    """The track as lifters take it: in its lifting skeleton, with y up. Checks what it is given."""
+    source = skeletons.get(track.skeleton)
+    if track.xy.shape[1] != len(source):
+        raise DataError(
+            f"track of person {track.person}: {track.xy.shape[1]} keypoints, "
+            f"{source.name} has {len(source)}"
+        )
+    if camera not in CAMERAS:
+        raise UsageError(f"unknown camera {camera!r}; known: {', '.join(CAMERAS)}")
+    if np.isinf(track.xy).any() or not np.isfinite(track.confidence).all():
+        raise DataError(
+            f"track of person {track.person}: infinite keypoints, or a confidence that is not a "
+            "number; a keypoint that is missing is NaN with confidence 0"
+        )
+    target = skeletons.lifting_skeleton(source.name)
+    xy, confidence = skeletons.convert(
+        track.xy.astype(np.float64),
+        track.confidence.astype(np.float64),
+        source=source.name,
+        target=target.name,
+    )
+    return Observed(
+        xy=xy * np.array([1.0, -1.0]),
+        confidence=np.maximum(confidence, 0.0),
+        time_s=track.time_s,
+        skeleton=target.name,
+        image_size=track.image_size,
+        independent=independent,
+        camera=camera,
+        fov_deg=fov_deg,
+    )
+
+
+def _lifter(name: str) -> Lifter:
+    if name == "paper":
+        from dance2pose.lifting.paper import lift_frames
+
+        return lift_frames
+    raise UsageError(f"unknown lifter {name!r}; known: {', '.join(LIFTERS)}")
+
+
+def _nothing(observed: Observed) -> Lifted:
+    frames, joints = observed.confidence.shape
+    return Lifted(np.full((frames, joints, 3), np.nan), np.full((frames, joints, 2), np.nan))
+
+
+def _valid(xyz: FloatArray, skeleton: str) -> BoolArray:
+    return limits.load(skeleton).is_valid(xyz)

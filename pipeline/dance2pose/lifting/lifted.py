@@ -1,0 +1,56 @@
+"""What a lifter is given and what it returns; `lift` turns tracks into the one and back.
+
+Image points here have y up, so that image, camera and world axes agree: x right, y up, z towards
+the viewer. Lengths are mm on the one body of `mocap.corpus`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose.poses import FloatArray
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A track in its lifting skeleton of J joints.
+
+    xy: (T, J, 2) px, y up, NaN where not seen. confidence: (T, J) of the keypoint model, 0 where
+    not seen. time_s: (T,). skeleton: cmu17, paper15 or body17. image_size: (width, height) px.
+    independent: the frames are unrelated pictures. camera: the camera model asked for.
+    fov_deg: horizontal field of view, None where it is not known.
+    """
+
+    xy: FloatArray
+    confidence: FloatArray
+    time_s: npt.NDArray[np.float64]
+    skeleton: str
+    image_size: tuple[int, int]
+    independent: bool = False
+    camera: str = "weak-perspective"
+    fov_deg: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """Poses that a lifter found.
+
+    xyz: (T, J, 3) mm as the camera sees them, first joint at the origin, NaN where nothing is
+    known. projected: (T, J, 2) px, y up, where the camera found sees those joints. sigma: (T, J)
+    mm, or None. root: (T, 3) mm, the first joint in the world, or None.
+    """
+
+    xyz: FloatArray
+    projected: FloatArray
+    sigma: FloatArray | None = None
+    root: FloatArray | None = None
+
+
+Lifter = Callable[[Observed], Lifted]
