@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -91,7 +92,6 @@ class Manifest:
 
 
 _KINDS: tuple[str, ...] = get_args(Kind)
-_ALL_KINDS = frozenset(_KINDS)
 _FINDS_PEOPLE = frozenset({"detector", "one-stage"})
 _FINDS_KEYPOINTS = frozenset({"pose", "one-stage"})
 
@@ -116,18 +116,23 @@ _RANGES: dict[str, tuple[float, float]] = {
     "nms_threshold": (0, 1),
     "box_scale": (0.5, 4),
 }
-# Keys that only some kinds of model have; a key that is not listed belongs to all.
+# Keys that only some kinds of model, or only some output forms, have; the others belong to all.
 _KINDS_OF_KEY: dict[str, frozenset[str]] = {
-    "padding_position": _FINDS_PEOPLE,
     "person_class": frozenset({"detector"}),
     "score_threshold": _FINDS_PEOPLE,
-    "nms_threshold": _FINDS_PEOPLE,
-    "box_format": frozenset({"detector"}),
-    "box_unit": frozenset({"detector"}),
+    "padding_position": _FINDS_PEOPLE,
+    "padding_value": _FINDS_PEOPLE,
     "skeleton": _FINDS_KEYPOINTS,
     "box_scale": frozenset({"pose"}),
-    "refinement": frozenset({"pose"}),
-    "heatmap_alignment": frozenset({"pose"}),
+    "max_batch": frozenset({"pose"}),
+}
+_BOXES_APART = frozenset({"boxes-scores", "boxes-scores-classes"})
+_FORMS_OF_KEY: dict[str, frozenset[str]] = {
+    "nms_threshold": frozenset({"yolox", "yolov5", "yolov8", "yolov8-pose", "boxes-scores"}),
+    "box_format": _BOXES_APART,
+    "box_unit": _BOXES_APART,
+    "refinement": frozenset({"heatmap"}),
+    "heatmap_alignment": frozenset({"heatmap"}),
 }
 _FIELDS = {field.name: str(field.type) for field in dataclasses.fields(Manifest)}
 
@@ -167,33 +172,54 @@ def checked_settings(stated: dict[str, Any], *, where: str) -> dict[str, Any]:
         problem = _problem(key, settings[key])
         if problem:
             raise ModelError(f"{where}: {key}: {problem}")
-    kind = settings.get("kind")
-    if kind is not None:
-        check_keys_fit(settings, kind, where=where)
+    check_keys_fit(settings, settings.get("kind"), settings.get("form"), where=where)
     return settings
 
 
-def check_keys_fit(stated: dict[str, Any], kind: str, *, where: str) -> None:
-    """Raise ModelError for a stated key that a model of this kind does not have."""
+def check_keys_fit(
+    stated: Mapping[str, Any], kind: str | None, form: str | None, *, where: str
+) -> None:
+    """Raise ModelError for a stated key that this kind or form of model (None: any) has not."""
     for key in stated:
-        if kind not in _KINDS_OF_KEY.get(key, _ALL_KINDS):
+        if kind and not _belongs(_KINDS_OF_KEY, key, kind):
             raise ModelError(f"{where}: {key} has no meaning for a model of kind {kind!r}")
+        if form and not _belongs(_FORMS_OF_KEY, key, form):
+            raise ModelError(f"{where}: {key} has no meaning for the output form {form!r}")
+
+
+def _belongs(owners: Mapping[str, frozenset[str]], key: str, owner: str) -> bool:
+    return key not in owners or owner in owners[key]
 
 
 def write_manifest(path: Path, manifest: Manifest, *, overwrite: bool = False) -> None:
     """Write a complete manifest as TOML. Raises OutputError where it cannot be written."""
-    lines = []
-    for key in _FIELDS:
-        value = getattr(manifest, key)
-        if value is not None and manifest.kind in _KINDS_OF_KEY.get(key, _ALL_KINDS):
-            lines.append(f"{key} = {_toml(value)}")
+    lines = toml_lines(settings_of(manifest))
     with written_whole(path, overwrite=overwrite) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _toml(value: Any) -> str:
-    # A JSON string, number or list of numbers is the same in TOML.
-    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
+def settings_of(manifest: Manifest) -> dict[str, Any]:
+    """The settings of a manifest that have a meaning for its model."""
+    settings = {key: getattr(manifest, key) for key in _FIELDS}
+    return {
+        key: value
+        for key, value in settings.items()
+        if value is not None
+        and _belongs(_KINDS_OF_KEY, key, manifest.kind)
+        and _belongs(_FORMS_OF_KEY, key, manifest.form)
+        and (not key.startswith("padding") or manifest.resize == "letterbox")
+    }
+
+
+def toml_lines(settings: Mapping[str, Any]) -> list[str]:
+    """Settings of a manifest as lines of TOML."""
+
+    def text(value: Any) -> str:
+        # A JSON string, number or list of numbers is the same in TOML, but for one character.
+        plain = list(value) if isinstance(value, tuple) else value
+        return json.dumps(plain, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+    return [f"{key} = {text(value)}" for key, value in settings.items()]
 
 
 def _is_triple(value: Any) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from dance2pose.manifest import (
 )
 from dance2pose.one_stage_forms import ONE_STAGE_FORMS
 from dance2pose.pose_forms import POSE_FORMS
+from dance2pose.registry import file_sha256, located
 
 # In the order in which they are tried: the more particular before the more general.
 FORMS: dict[str, OutputForm] = {
@@ -78,7 +78,8 @@ def open_model(
 
 
 def _files(path: Path, manifest: Path | None) -> tuple[Path, Path | None]:
-    """The ONNX file and its manifest, if any, from either of the two."""
+    """The ONNX file and its manifest, if any, from either of the two or a pulled model's name."""
+    path = located(path)
     if path.suffix.lower() == ".toml":
         manifest = path
         name = read_manifest(path).get("model")
@@ -102,7 +103,7 @@ def _describe(
     graph = Graph(session, image, layout, *(size or _OPEN_SIZE))
     form, match = _recognise(graph, stated)
     where = str(manifest_file or path)
-    check_keys_fit(stated, form.kind, where=where)
+    check_keys_fit(stated, form.kind, form.name, where=where)
     width, height = size or match.default_size or _OPEN_SIZE
     settings: dict[str, Any] = {"layout": layout, **match.preset}
     if match.keypoints is not None and "skeleton" not in settings:
@@ -129,12 +130,6 @@ def _describe(
         outputs=session.outputs,
         manifest_file=manifest_file,
     )
-
-
-def file_sha256(path: Path) -> str:
-    """The SHA-256 of a file, as hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _recognise(graph: Graph, stated: dict[str, Any]) -> tuple[OutputForm, Match]:
