@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 
 # FFmpeg's own assumption for streams that carry no rate at all.
 DEFAULT_RATE = Fraction(25)
@@ -20,51 +21,64 @@ LEAST_STEP_S = 1e-3
 class Clock:
     """Turns timestamps into seconds that strictly increase.
 
-    start_pts: the stream's first timestamp, in units of time_base, None if unknown. rate: frames a
-    second, for pictures that carry no timestamp.
+    start_pts: the stream's first timestamp, in units of time_base, None if it has none. rate:
+    frames a second, for pictures that carry no timestamp. by_decoding: see `make_clock`.
     """
 
-    def __init__(self, start_pts: int | None, time_base: Fraction | None, rate: Fraction | None):
+    def __init__(
+        self,
+        start_pts: int | None,
+        time_base: Fraction | None,
+        rate: Fraction | None,
+        *,
+        by_decoding: bool = False,
+    ) -> None:
         self._start = start_pts
         self._time_base = time_base
+        self.by_decoding = by_decoding
         self.rate = rate or DEFAULT_RATE
-        self._period_s = float(1 / self.rate)
+        self.period_s = float(1 / self.rate)
         self._offset_s = 0.0
-        self._last_s: float | None = None
+        self.last_s: float | None = None
         self.frames = 0
         self.without_time = 0
         self.out_of_order = 0
         self.restarts = 0
 
-    def seconds(self, pts: int) -> float:
-        """The time of a timestamp, before any correction."""
-        assert self._start is not None and self._time_base is not None
-        return float((pts - self._start) * self._time_base)
-
     def read(self, picture: VideoFrame) -> float:
         """The time of the next picture in presentation order."""
         self.frames += 1
-        pts = timestamp(picture)
-        if pts is None or self._time_base is None:
+        pts = picture.dts if self.by_decoding else picture.pts
+        if pts is None or self._start is None or self._time_base is None:
             self.without_time += 1
-            time_s = 0.0 if self._last_s is None else self._last_s + self._period_s
+            time_s = 0.0 if self.last_s is None else self.last_s + self.period_s
         else:
-            if self._start is None or (self._last_s is None and pts < self._start):
-                self._start = pts
-            time_s = self._in_order(self.seconds(pts) + self._offset_s)
-        self._last_s = time_s
+            seconds = float((pts - self._start) * self._time_base)
+            time_s = self._in_order(seconds + self._offset_s)
+        self.last_s = time_s
         return time_s
 
+    def pts(self, time_s: float) -> int | None:
+        """The timestamp of a time, None in a stream without timestamps."""
+        if self._start is None or self._time_base is None:
+            return None
+        return self._start + round(Fraction(time_s) / self._time_base)
+
+    @property
+    def end_s(self) -> float:
+        """When the last picture read ends."""
+        return 0.0 if self.last_s is None else self.last_s + self.period_s
+
     def _in_order(self, time_s: float) -> float:
-        last_s = self._last_s
+        last_s = self.last_s
         if last_s is None or time_s > last_s:
             return time_s
         if time_s > last_s - RESTART_S:
             self.out_of_order += 1
             return last_s + LEAST_STEP_S
         self.restarts += 1
-        self._offset_s += last_s + self._period_s - time_s
-        return last_s + self._period_s
+        self._offset_s += last_s + self.period_s - time_s
+        return last_s + self.period_s
 
     def warnings(self) -> list[str]:
         """What had to be supposed about time, one line each."""
@@ -89,7 +103,18 @@ class Clock:
         return lines
 
 
-def timestamp(picture: VideoFrame) -> int | None:
-    """The picture's presentation timestamp; from its packet where the container stores only those
-    of decoding (AVI), in which presentation and decoding order agree."""
-    return picture.pts if picture.pts is not None else picture.dts
+def make_clock(stream: VideoStream, first: VideoFrame) -> Clock:
+    """The clock of a stream whose first picture was decoded.
+
+    Time 0 is the stream's first timestamp, or the first picture's if the container gets that wrong.
+    AVI stores times of decoding only, and what FFmpeg guesses from them is wrong where pictures are
+    stored out of order; there each picture comes out when it is shown, so the decoding time at
+    that moment serves.
+    """
+    names = stream.container.format.name.split(",")
+    by_decoding = "avi" in names and bool(stream.codec_context.has_b_frames)
+    start_pts = first.dts if by_decoding else first.pts
+    if start_pts is not None and stream.start_time is not None and not by_decoding:
+        start_pts = min(start_pts, stream.start_time)
+    rate = stream.average_rate or stream.guessed_rate
+    return Clock(start_pts, stream.time_base, rate, by_decoding=by_decoding)

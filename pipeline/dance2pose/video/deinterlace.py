@@ -13,6 +13,7 @@ from fractions import Fraction
 
 import av.error
 from av.filter import Graph
+from av.filter.context import FilterContext
 from av.video.frame import VideoFrame
 
 from dance2pose.video.picture import Orientation
@@ -103,18 +104,23 @@ class Deinterlacer:
     def _build(self, picture: VideoFrame) -> Graph:
         graph = Graph()
         graph.threads = 1
-        source = graph.add(
-            "buffer",
-            video_size=f"{picture.width}x{picture.height}",
-            pix_fmt=picture.format.name,
-            time_base="1/1000",
-            pixel_aspect="1/1",
-            colorspace=str(int(picture.colorspace)),
-            range=str(int(picture.color_range)),
-        )
+        source = buffer_source(graph, picture)
         which = "interlaced" if self._interlacing.marked else "all"
         bwdif = graph.add(
             "bwdif", f"mode=send_frame:parity={self._interlacing.parity}:deint={which}"
         )
         graph.link_nodes(source, bwdif, graph.add("buffersink")).configure()
         return graph
+
+
+def buffer_source(graph: Graph, picture: VideoFrame) -> FilterContext:
+    """The input of a filter graph for pictures like this one, in thousandths of a second."""
+    return graph.add(
+        "buffer",
+        video_size=f"{picture.width}x{picture.height}",
+        pix_fmt=picture.format.name,
+        time_base="1/1000",
+        pixel_aspect="1/1",
+        colorspace=str(int(picture.colorspace)),
+        range=str(int(picture.color_range)),
+    )

@@ -9,6 +9,7 @@ from pathlib import Path
 import av
 from av.video.frame import VideoFrame
 
+from dance2pose.video.deinterlace import Interlacing
 from dance2pose.video.picture import (
     HDR_TRANSFERS,
     MATRIX_NAMES,
@@ -65,25 +66,11 @@ class VideoInfo:
         return self.width, self.height
 
 
-FIELD_ORDERS = {
-    0: "unknown",
-    1: "progressive",
-    2: "top field first",
-    3: "bottom field first",
-    # Stored in one order, shown in the other; what counts here is the order in time.
-    4: "bottom field first",
-    5: "top field first",
-}
-
-
 def describe(
     source: Source,
     picture: VideoFrame,
     turned: Orientation,
-    *,
-    interlaced: bool,
-    interlaced_because: str,
-    field_order: str,
+    interlacing: Interlacing,
 ) -> VideoInfo:
     """The description of an opened file and its first picture."""
     stream, container = source.stream, source.container
@@ -108,15 +95,15 @@ def describe(
         pixel_format=picture.format.name,
         rotation_degrees=turned.degrees,
         sample_aspect_ratio=aspect,
-        interlaced=interlaced,
+        interlaced=interlacing.found,
         duration_s=duration_s if duration_s and duration_s > 0 else None,
         frame_count=stream.frames or None,
         frame_rate=float(rate) if rate else None,
         stored_width=picture.width,
         stored_height=picture.height,
         mirrored=turned.mirrored,
-        field_order=field_order,
-        interlaced_because=interlaced_because,
+        field_order=interlacing.field_order,
+        interlaced_because=interlacing.because,
         start_time_s=start_s,
         colour_matrix="RGB" if picture.format.is_rgb else MATRIX_NAMES[colour_matrix(picture)],
         full_range=full_range(picture),

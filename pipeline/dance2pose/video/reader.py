@@ -8,17 +8,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
+from av.video.frame import VideoFrame
+
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.poses import Frame
 from dance2pose.video.background import Background
-from dance2pose.video.clock import Clock
+from dance2pose.video.clock import make_clock
 from dance2pose.video.deinterlace import Deinterlacer, Timed
 from dance2pose.video.info import VideoInfo, describe
 from dance2pose.video.interlacing import find_interlacing
-from dance2pose.video.picture import PictureMaker, orientation, sensible_aspect
+from dance2pose.video.picture import PictureMaker, orientation
+from dance2pose.video.seeking import LEAST_SKIP_S, find_entry
 from dance2pose.video.source import Source
 
 Deinterlace = Literal["auto", "off"]
+
+# A stream that ends earlier than it announces by less than this is rounding, not loss.
+LEAST_SHORT_S = 0.5
 
 
 def open_video(
@@ -69,37 +75,39 @@ class FrameReader:
         self.warnings: list[str] = []
         self.damaged = False
         self.frames_read = 0
-        self._source = Source(path)
-        self._decoded = self._source.decoded()
         self._background: Background[Frame] | None = None
+        self._source = Source(path)
         try:
-            first = next(self._decoded, None)
-            if first is None:
-                raise VideoError(
-                    f"{path}: holds no frame that can be decoded"
-                    f" ({self._source.stream.codec_context.name},"
-                    f" {self._source.decode_errors} errors); copy it again, or convert it"
-                )
-            turned = orientation(first)
-            interlacing = find_interlacing(path, self._source.stream, first)
-            self.info: VideoInfo = describe(
-                self._source,
-                first,
-                turned,
-                interlaced=interlacing.found,
-                interlaced_because=interlacing.because,
-                field_order=interlacing.field_order,
-            )
+            decoded = self._source.decoded()
+            first = _first(decoded, self._source)
+            interlacing = find_interlacing(self._source, first)
+            self.info: VideoInfo = describe(self._source, first, orientation(first), interlacing)
+            stream = self._source.stream
+            self._clock = make_clock(stream, first)
+            self._maker = PictureMaker(self.info.size, self.info.sample_aspect_ratio)
+            self._deinterlacer = Deinterlacer(interlacing) if deinterlace == "auto" else None
+            self._pictures = self._skip_to_start() or enumerate(chain([first], decoded))
         except BaseException:
             self._source.close()
             raise
-        stream = self._source.stream
-        self._deinterlacer = Deinterlacer(interlacing) if deinterlace == "auto" else None
-        self._clock = Clock(
-            stream.start_time, stream.time_base, stream.average_rate or stream.guessed_rate
-        )
-        self._maker = PictureMaker(self.info.size, sensible_aspect(stream.sample_aspect_ratio))
-        self._decoded = chain([first], self._decoded)
+
+    def _skip_to_start(self) -> Iterator[tuple[int, VideoFrame]] | None:
+        """The numbered pictures from shortly before the start, where seeking is worth it and the
+        numbers stay true; None to decode from the beginning."""
+        target = self._clock.pts(self._start_s)
+        if self._start_s < LEAST_SKIP_S or target is None or self._clock.by_decoding:
+            return None
+        entry = find_entry(self.info.path, target)
+        if entry is None or entry.index == 0:
+            return None
+        self._source.seek(entry.pts, entry.packets_before)
+        pictures = self._source.decoded()
+        first = next(pictures, None)
+        if first is not None and first.pts == entry.pts:
+            return enumerate(chain([first], pictures), start=entry.index)
+        self._source.close()  # landed elsewhere: begin again
+        self._source = Source(self.info.path)
+        return enumerate(self._source.decoded())
 
     @property
     def deinterlaced(self) -> bool:
@@ -165,7 +173,7 @@ class FrameReader:
             )
 
     def _timed(self) -> Iterator[Timed]:
-        for index, picture in enumerate(self._decoded):
+        for index, picture in self._pictures:
             time_s = self._clock.read(picture)
             if time_s >= self._end_s:
                 return
@@ -180,6 +188,36 @@ class FrameReader:
         yield from self._deinterlacer.flush()
 
     def _account(self) -> None:
-        losses = self._source.losses() if self._source.complete else []
+        """Say what was lost and what was supposed."""
+        source, info, clock = self._source, self.info, self._clock
+        losses = source.losses()
+        announced_s = source.announced_s()
+        if source.complete and not losses and announced_s is not None:
+            short_s = announced_s - clock.end_s
+            if short_s > max(LEAST_SHORT_S, 2 * clock.period_s):
+                losses.append(
+                    f"the video ends after {clock.end_s:.2f} s, the file announces"
+                    f" {announced_s:.2f} s: its end is missing"
+                )
         self.damaged = bool(losses)
-        self.warnings += losses + self._clock.warnings()
+        self.warnings += losses + clock.warnings()
+        if self._maker.refitted:
+            self.warnings.append(
+                f"{self._maker.refitted} frames have another size or shape than the first: fitted"
+                f" into {info.width} x {info.height} px with black borders"
+            )
+        if info.hdr:
+            self.warnings.append(
+                f"the video has a high dynamic range ({info.hdr}): its colours are shown flat"
+            )
+
+
+def _first(decoded: Iterator[VideoFrame], source: Source) -> VideoFrame:
+    first = next(decoded, None)
+    if first is None:
+        raise VideoError(
+            f"{source.path}: holds no frame that can be decoded"
+            f" (codec {source.stream.codec_context.codec.canonical_name}, {source.packets} packets,"
+            f" {source.decode_errors} refused by the decoder); copy it again, or convert it"
+        )
+    return first

@@ -33,10 +33,6 @@ ONE_PACKET_A_PICTURE = frozenset({"mov", "matroska", "avi", "mxf"})
 HIDDEN_PICTURES = frozenset({"vp8", "mpeg4", "msmpeg4v3"})
 
 
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
 def check_file(path: Path) -> int:
     """The size in bytes of a readable, non-empty regular file. VideoError for anything else."""
     try:
@@ -131,14 +127,15 @@ def check_size(path: Path, width: int, height: int) -> None:
 
 
 class Source:
-    """The decoder of one file. `frames()` may be called once.
+    """The decoder of one file.
 
-    packets, frames: how many were read and decoded. decode_errors: packets the decoder refused.
-    read_errors: places the file could not be read. damaged_frames: pictures the decoder flagged as
-    patched up. complete: True once the end of the file was reached.
+    packets, frames: how many were read and decoded, `discarded` of the packets being hidden by an
+    edit list. decode_errors: packets the decoder refused. read_errors: places that could not be
+    read. damaged_packets, damaged_frames: flagged so by the demuxer, the decoder. complete: True
+    once the end of the file was reached.
     """
 
-    def __init__(self, path: Path, *, thread_type: str | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.container = open_container(path)
         try:
@@ -148,7 +145,7 @@ class Source:
             raise
         context = self.stream.codec_context
         context.options = {"max_pixels": str(MAX_PIXELS)}
-        context.thread_type = thread_type or decoder_threads(context.width, context.height)
+        context.thread_type = decoder_threads(context.width, context.height)
         self.packets = 0
         self.discarded = 0
         self.frames = 0
@@ -157,72 +154,99 @@ class Source:
         self.damaged_packets = 0
         self.damaged_frames = 0
         self.complete = False
+        self._first_pts: int | None = None
+        self._packets_before = 0
+
+    @property
+    def one_packet_a_picture(self) -> bool:
+        """Whether each packet of this file holds one picture, and each is shown."""
+        names = set(self.container.format.name.split(","))
+        hides = self.stream.codec_context.name in HIDDEN_PICTURES
+        return bool(names & ONE_PACKET_A_PICTURE) and not hides
 
     def close(self) -> None:
         self.container.close()
 
+    def seek(self, pts: int, packets_before: int) -> None:
+        """Go on from the key picture at `pts`; nothing earlier is given out or counted."""
+        self.container.seek(pts, stream=self.stream)
+        self.packets = self.discarded = self.frames = 0
+        self._first_pts, self._packets_before = pts, packets_before
+
     def decoded(self) -> Iterator[VideoFrame]:
-        """Every picture that can be decoded, in presentation order."""
-        for packet in self._packets():
+        """Every picture that can be decoded, in presentation order. Call it again after a seek."""
+        for packet in self._read():
             try:
                 pictures = self.stream.decode(packet)
             except av.error.FFmpegError:
                 self.decode_errors += 1
                 continue
             for picture in pictures:
+                if self._is_before(picture.pts):
+                    continue
                 self.frames += 1
                 self.damaged_frames += picture.is_corrupt
                 yield picture
         self.complete = True
 
-    def _packets(self) -> Iterator[Packet[VideoStream] | None]:
+    def _read(self) -> Iterator[Packet[VideoStream] | None]:
         failures = 0
         while failures <= MAX_READ_ERRORS_IN_A_ROW:
             try:
                 for packet in self.container.demux(self.stream):
                     if packet.size:
                         failures = 0
-                        self.packets += 1
-                        self.discarded += packet.is_discard
-                        self.damaged_packets += packet.is_corrupt
+                        self._count(packet)
                     yield packet
                 return
             except av.error.FFmpegError:
                 self.read_errors += 1
                 failures += 1
-        # The reader gave up; what the decoder still holds is shown all the same.
-        yield None
+        yield None  # no more can be read; the decoder gives what it still holds
+
+    def _count(self, packet: Packet[VideoStream]) -> None:
+        self.damaged_packets += packet.is_corrupt
+        if not self._is_before(packet.pts):
+            self.packets += 1
+            self.discarded += packet.is_discard
+
+    def _is_before(self, pts: int | None) -> bool:
+        return self._first_pts is not None and pts is not None and pts < self._first_pts
 
     def losses(self) -> list[str]:
-        """What was lost, one line each; empty for a sound file. Complete at the file's end."""
+        """What was lost so far, one line each; empty for a sound file."""
         lines = []
-        missing = self._missing()
+        missing = self._missing() if self.complete else 0
         if missing:
-            lines.append(
-                f"{_plural(missing, 'frame')} of {self.frames + missing} could not be decoded"
-            )
+            lines.append(f"{missing} of {self.frames + missing} frames could not be decoded")
         elif self.decode_errors:
-            lines.append(
-                f"{_plural(self.decode_errors, 'piece')} of the video could not be decoded"
-            )
+            lines.append(f"the decoder refused {self.decode_errors} pieces of the video")
         if self.damaged_frames:
             lines.append(
-                f"{_plural(self.damaged_frames, 'frame')} of {self.frames} damaged in the file"
-                " and patched up by the decoder"
+                f"{self.damaged_frames} of {self.frames} frames are damaged in the file and were"
+                " patched up by the decoder"
             )
         if self.read_errors:
-            lines.append(f"the file could not be read in {_plural(self.read_errors, 'place')}")
+            lines.append(f"the file could not be read in {self.read_errors} places")
         if not lines and self.damaged_packets:
-            lines.append(f"{_plural(self.damaged_packets, 'packet')} damaged in the file")
+            lines.append(f"{self.damaged_packets} packets are damaged in the file")
         return lines
 
     def _missing(self) -> int:
         """Pictures the container announces or holds that the decoder never gave."""
-        names = set(self.container.format.name.split(","))
-        if not names & ONE_PACKET_A_PICTURE or self.stream.codec_context.name in HIDDEN_PICTURES:
+        if not self.one_packet_a_picture:
             return 0
-        announced = max(self.stream.frames, self.packets)
+        announced = max(self.stream.frames - self._packets_before, self.packets)
         return max(0, announced - self.discarded - self.frames)
+
+    def announced_s(self) -> float | None:
+        """How long the stream lasts as Matroska's own tag says; survives the loss of its end."""
+        text = self.stream.metadata.get("DURATION", "")
+        try:
+            hours, minutes, seconds = (float(part) for part in text.strip("\0").split(":"))
+        except ValueError:
+            return None
+        return 3600 * hours + 60 * minutes + seconds
 
 
 def decoder_threads(width: int, height: int) -> str:
