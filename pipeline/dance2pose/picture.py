@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -22,11 +21,11 @@ from dance2pose.errors import OutputError, UsageError, VideoError
 from dance2pose.poses import Image
 
 if TYPE_CHECKING:
-    import rerun as rr
-
+    from dance2pose.quiet_rerun import rr
     from dance2pose.video import VideoInfo
 
 PictureMode = Literal["video", "frames", "none"]
+Timestamps = npt.NDArray[np.int64]
 
 # What the viewer plays, by the codec names of FFmpeg.
 _PLAYABLE_CODECS = ("h264", "hevc", "av1", "vp9")
@@ -132,27 +131,16 @@ def ffmpeg_plays() -> bool:
     return version is None or tuple(map(int, version.groups())) >= _OLDEST_FFMPEG
 
 
-@dataclass(frozen=True)
-class VideoAsset:
+class VideoAsset(NamedTuple):
     """A video as the viewer plays it. timestamps_ns: (T,) of its frames, increasing."""
 
     asset: rr.AssetVideo
-    timestamps_ns: npt.NDArray[np.int64]
-
-    def references_ns(self, time_s: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
-        """For each frame time (from the start of the video), the viewer's timestamp of it."""
-        wanted = np.round(np.asarray(time_s) * 1e9).astype(np.int64) + self.timestamps_ns[0]
-        after = np.clip(np.searchsorted(self.timestamps_ns, wanted), 1, None)
-        after = np.minimum(after, len(self.timestamps_ns) - 1)
-        before = np.maximum(after - 1, 0)
-        nearer = wanted - self.timestamps_ns[before] <= self.timestamps_ns[after] - wanted
-        nearest: npt.NDArray[np.int64] = self.timestamps_ns[np.where(nearer, before, after)]
-        return nearest
+    timestamps_ns: Timestamps
 
 
 def read_video_asset(path: Path) -> VideoAsset:
     """Open a video as the viewer will. Raises VideoError where it could not."""
-    import rerun as rr
+    from dance2pose.quiet_rerun import rr
 
     try:
         # The bytes are given, not the path: Rerun takes .mov and other names for unknown.
@@ -184,12 +172,25 @@ def _shown_timestamps_s(path: Path) -> npt.NDArray[np.float64]:
     return np.sort(np.array(times))
 
 
-def _agree(timestamps_ns: npt.NDArray[np.int64], shown_s: npt.NDArray[np.float64]) -> bool:
+def _agree(timestamps_ns: Timestamps, shown_s: npt.NDArray[np.float64]) -> bool:
     """Whether both lists have the same frames, but for one offset common to all."""
     if len(timestamps_ns) != len(shown_s):
         return False
     theirs = (timestamps_ns - timestamps_ns[0]) / 1e9
     return bool(np.abs(theirs - (shown_s - shown_s[0])).max() < 1e-3)
+
+
+def viewer_timestamps_ns(timestamps_ns: Timestamps, time_s: npt.NDArray[np.float64]) -> Timestamps:
+    """The viewer's timestamps, from (T,) `timestamps_ns`, of frames (N,) at `time_s`.
+
+    Frame time counts from the first frame of the video; what the viewer counts from differs.
+    """
+    wanted = np.round(np.asarray(time_s) * 1e9).astype(np.int64) + timestamps_ns[0]
+    after = np.searchsorted(timestamps_ns, wanted).clip(0, len(timestamps_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = wanted - timestamps_ns[before] <= timestamps_ns[after] - wanted
+    nearest: Timestamps = timestamps_ns[np.where(nearer, before, after)]
+    return nearest
 
 
 def encode_jpeg(image: Image) -> bytes:

@@ -74,7 +74,7 @@ class Provenance:
         lines += ["", "## Video", "", *_table(_file_rows(self.source))]
         for role, model in self.models.items():
             lines += ["", f"## Model: {role}", "", *_table(_file_rows(model))]
-        lines += ["", "## What was done", "", *_table(self.stages)]
+        lines += ["", "## What was done", "", *_list(self.stages)]
         lines += ["", "## Settings", "", *_table(self.settings)]
         lines += ["", "## Versions", "", *_table(self.versions), ""]
         return "\n".join(lines)
@@ -108,7 +108,12 @@ def _table(rows: Mapping[str, Value]) -> list[str]:
     if not rows:
         return ["None."]
     body = [f"| {_plain(key)} | {_plain(_text(value))} |" for key, value in rows.items()]
-    return ["| | |", "|---|---|", *body]
+    return ["| property | value |", "|---|---|", *body]
+
+
+def _list(rows: Mapping[str, str]) -> list[str]:
+    """As a list: sentences are wrapped there, in a table they are cut off."""
+    return [f"- **{_plain(key)}**: {_plain(text)}" for key, text in rows.items()] or ["Nothing."]
 
 
 def _text(value: Value) -> str:

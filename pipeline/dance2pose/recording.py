@@ -6,7 +6,6 @@ end. Memory holds one batch of pictures and the poses.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -21,27 +20,19 @@ from dance2pose.output_files import written_whole
 from dance2pose.picture import (
     PictureChoice,
     PictureMode,
-    VideoAsset,
+    Timestamps,
     choose_picture,
     encode_jpeg,
     read_video_asset,
+    viewer_timestamps_ns,
 )
 from dance2pose.placement import place
 from dance2pose.poses import Dancer, Frame
 from dance2pose.provenance import Provenance, recording_id_for
-
-# Rerun reports a disk that is full on stderr, in its own words, while it is also told to us.
-_RUST_LOG = os.environ.setdefault("RUST_LOG", "off")
-import rerun as rr  # noqa: E402
-
-from dance2pose.recording_entities import (  # noqa: E402
-    PICTURE,
-    PROVENANCE,
-    Clock,
-    send_dancer,
-    send_static,
-)
-from dance2pose.recording_layout import blueprint  # noqa: E402
+from dance2pose.quiet_rerun import rr
+from dance2pose.recording_entities import PICTURE, PROVENANCE, Clock, send_dancer, send_static
+from dance2pose.recording_file import is_whole
+from dance2pose.recording_layout import blueprint
 
 if TYPE_CHECKING:
     from dance2pose.video import VideoInfo
@@ -56,7 +47,6 @@ __all__ = [
 APPLICATION_ID = "dance2pose"
 # A batch of pictures is written out when it has this many bytes.
 _BATCH_BYTES = 4_000_000
-_END_MARK = b"RRF2FOOT"
 
 
 class RecordingWriter:
@@ -84,21 +74,24 @@ class RecordingWriter:
         self._frames: list[int] = []
         self._times: list[float] = []
         self._pictures: list[bytes] = []
-        self._asset: VideoAsset | None = None
+        self._timestamps_ns: Timestamps | None = None
         self._written = False
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            if self._picture == "video":
-                self._asset = read_video_asset(self._video.path)
+            video = read_video_asset(self._video.path) if self._picture == "video" else None
             temporary = stack.enter_context(written_whole(self._path, overwrite=self._overwrite))
             self._temporary = temporary
             self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=self._recording_id)
             stack.callback(self._stream.disconnect)
+            # Else Rerun would leave out what it cannot record, with no more than a warning.
+            stack.callback(rr.set_strict_mode, rr.strict_mode())
+            rr.set_strict_mode(True)
             self._stream.save(temporary)
             self._stream.send_recording_name(self._video.path.name)
-            if self._asset is not None:
-                self._stream.log(PICTURE, self._asset.asset, static=True, strict=True)
+            if video is not None:
+                self._stream.log(PICTURE, video.asset, static=True)
+                self._timestamps_ns = video.timestamps_ns
                 self._flush()
             self._exit = stack.pop_all()
         return self
@@ -133,8 +126,8 @@ class RecordingWriter:
         self._send_pictures()
         clock = self._clock()
         placement = place(dancers)
-        if self._asset is not None and len(clock.frame):
-            references = self._asset.references_ns(clock.time_s)
+        if self._timestamps_ns is not None and len(clock.frame):
+            references = viewer_timestamps_ns(self._timestamps_ns, clock.time_s)
             self._send(clock, rr.VideoFrameReference.columns_nanos(references))
         send_static(self._stream, list(dancers), placement.offsets)
         for dancer in dancers:
@@ -163,28 +156,20 @@ class RecordingWriter:
 
     def _write_provenance(self, provenance: Provenance) -> None:
         text = rr.TextDocument(provenance.to_markdown(), media_type=rr.MediaType.MARKDOWN)
-        self._stream.log(PROVENANCE, text, static=True, strict=True)
+        self._stream.log(PROVENANCE, text, static=True)
         for group, values in provenance.to_properties().items():
             self._stream.send_property(group, rr.AnyValues(drop_untyped_nones=True, **values))
 
     def _send(self, clock: Clock, columns: rr.ComponentColumnList) -> None:
-        rr.send_columns(PICTURE, clock.columns(), columns, recording=self._stream, strict=True)
+        rr.send_columns(PICTURE, clock.columns(), columns, recording=self._stream)
 
     def _flush(self) -> None:
         """Wait until all is on disk: memory stays bounded, and a full disk shows at once."""
         try:
             self._stream.flush()
         except RuntimeError as error:
-            raise OutputError(
-                f"{self._path}: cannot be written, is the disk full? ({error})"
-            ) from error
+            raise OutputError(f"{self._path}: cannot be written, is the disk full?") from error
 
     def _check_end(self) -> None:
-        """A recording that is whole ends with its table of contents."""
-        with self._temporary.open("rb") as file:
-            file.seek(-min(64, self._temporary.stat().st_size), os.SEEK_END)
-            if _END_MARK not in file.read():
-                raise OutputError(
-                    f"{self._path}: cannot be written whole, is the disk full? "
-                    "Nothing was left behind"
-                )
+        if not is_whole(self._temporary):
+            raise OutputError(f"{self._path}: cannot be written whole, is the disk full?")

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import rerun as rr
 
 from dance2pose.angles import joint_angles
 from dance2pose.placement import positions
 from dance2pose.poses import BoolArray, Dancer, FloatArray, IntArray, Track2D, Track3D
+from dance2pose.quiet_rerun import rr
 from dance2pose.skeleton import Skeleton, get
 
 PICTURE = "/video"
@@ -35,17 +35,6 @@ LEFT: Colour = (80, 160, 255)
 RIGHT: Colour = (255, 100, 80)
 _RAW: Colour = (105, 105, 115)
 _PLOT: Colour = (220, 220, 220)
-
-_ANGLE_COLOURS: dict[str, Colour] = {
-    "left_elbow": LEFT,
-    "right_elbow": RIGHT,
-    "left_shoulder": (170, 210, 255),
-    "right_shoulder": (255, 190, 150),
-    "left_knee": LEFT,
-    "right_knee": RIGHT,
-    "left_hip": (170, 210, 255),
-    "right_hip": (255, 190, 150),
-}
 
 
 def dancer_colour(person: int) -> Colour:
@@ -94,7 +83,7 @@ def send_static(stream: rr.RecordingStream, dancers: list[Dancer], offsets: Floa
     stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
     _send_classes(stream, PICTURE, [(d.person, d.track.skeleton) for d in dancers])
     _send_classes(stream, WORLD, [(d.person, d.smoothed.skeleton) for d in dancers])
-    for dancer, offset in zip(dancers, offsets, strict=True):
+    for dancer, offset in zip(dancers, offsets):
         person, path = dancer.person, dancer_path(dancer.person)
         stream.log(path, rr.Transform3D(translation=offset), static=True)
         raw = rr.AnnotationContext(_skeleton_class(person, dancer.raw.skeleton, faint=True))
@@ -228,7 +217,7 @@ def _send_plots(stream: rr.RecordingStream, dancer: Dancer) -> None:
             name.replace("_", " "),
             values,
             times,
-            _ANGLE_COLOURS[name],
+            LEFT if name.startswith("left") else RIGHT,
         )
     for name, (title, values) in quality_plots(dancer).items():
         _send_plot(stream, f"{base}/{name}", title, values, times, _PLOT)
@@ -283,4 +272,4 @@ def _send_plot(
 def _send(
     stream: rr.RecordingStream, path: str, times: Clock, columns: rr.ComponentColumnList
 ) -> None:
-    rr.send_columns(path, times.columns(), columns, recording=stream, strict=True)
+    rr.send_columns(path, times.columns(), columns, recording=stream)

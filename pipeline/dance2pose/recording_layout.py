@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from dance2pose.placement import Placement, positions
 from dance2pose.poses import Dancer, FloatArray
+from dance2pose.quiet_rerun import rr, rrb
 from dance2pose.recording_entities import (
     PICTURE,
     PROVENANCE,
@@ -22,10 +21,12 @@ _BACKGROUND = (22, 24, 28)
 _GRID = (120, 120, 130, 110)
 # The viewer's own vertical angle of view, and the least shape a 3D view is expected to have.
 _VIEW_ANGLE = np.radians(55.0)
-_VIEW_ASPECT = 1.4
+_VIEW_ASPECT = 1.6
 # From where the world is first seen: nearly from the camera, so that the pose is recognised in
 # the picture, yet turned and raised enough to show depth.
 _EYE_TURN, _EYE_RISE = np.radians(18.0), np.radians(10.0)
+
+_ANGLE_PLOTS = {"Elbows": "elbow", "Shoulders": "shoulder", "Hips": "hip", "Knees": "knee"}
 
 
 def blueprint(
@@ -42,7 +43,7 @@ def blueprint(
     beside = rrb.Tabs(*[_plots(dancer) for dancer in dancers], provenance, active_tab=0)
     left = rrb.Vertical(picture, _world(dancers, placement)) if dancers else picture
     return rrb.Blueprint(
-        rrb.Horizontal(left, beside, column_shares=[3, 2]),
+        rrb.Horizontal(left, beside, column_shares=[1, 1]),
         rrb.TimePanel(timeline="video_time", state="collapsed", loop_mode="all"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -103,40 +104,41 @@ def _eye_distance(size: FloatArray) -> float:
     """How far away the eye sees all of it, with a margin."""
     half_angle = np.tan(_VIEW_ANGLE / 2)
     needed = max(size[1] / (2 * half_angle), size[0] / (2 * half_angle * _VIEW_ASPECT), 0.3)
-    return float(1.1 * needed + size[2] / 2)
+    return float(1.05 * needed + size[2] / 2)
 
 
 def _plots(dancer: Dancer) -> rrb.Vertical:
+    """Joint angles above, trust below; all share one time axis when one is zoomed."""
     base = plots_path(dancer.person)
-    arms = _angle_plot(base, "Arms: joint angles, degrees", ("elbow", "shoulder"))
-    legs = _angle_plot(base, "Legs: joint angles, degrees", ("knee", "hip"))
-    quality = [
-        rrb.TimeSeriesView(
-            origin=f"{base}/{name}",
-            name=title[0].upper() + title[1:],
-            plot_legend=rrb.PlotLegend(visible=False),
-            axis_y=rrb.ScalarAxis(range=(0.0, _plot_top(name, values))),
+    angles = [
+        _plot(
+            base,
+            [f"angle/{side}_{joint}" for side in ("left", "right")],
+            f"{title}, degrees (blue left, red right)",
+            top=185.0,
         )
+        for title, joint in _ANGLE_PLOTS.items()
+    ]
+    trust = [
+        _plot(base, [name], title[0].upper() + title[1:], top=_plot_top(name, values))
         for name, (title, values) in quality_plots(dancer).items()
     ]
     return rrb.Vertical(
-        arms,
-        legs,
-        *quality,
+        rrb.Grid(*angles, grid_columns=2),
+        rrb.Grid(*trust, grid_columns=2),
         name=f"Dancer {dancer.person}",
-        row_shares=[2, 2, *[1] * len(quality)],
+        row_shares=[3, 2],
     )
 
 
-def _angle_plot(base: str, name: str, joints: tuple[str, ...]) -> rrb.TimeSeriesView:
+def _plot(base: str, entities: Sequence[str], name: str, *, top: float) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=f"{base}/angle",
-        contents=[
-            f"+ {base}/angle/{side}_{joint}" for joint in joints for side in ("left", "right")
-        ],
+        origin=base,
+        contents=[f"+ {base}/{entity}" for entity in entities],
         name=name,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftBottom),
-        axis_y=rrb.ScalarAxis(range=(0.0, 185.0)),
+        plot_legend=rrb.PlotLegend(visible=False),
+        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_y=rrb.ScalarAxis(range=(0.0, top)),
     )
 
 
