@@ -10,12 +10,12 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
-from cyclopts import App, CycloptsError, Parameter
-from cyclopts.config import Dict
+from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, Token
 
 from dance2pose import __version__
 from dance2pose.config import Settings, read_settings_file, user_config_path
@@ -114,15 +114,46 @@ def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _configuration(arguments: list[str]) -> list[Any]:
-    """Settings files in order of precedence: the one named, else the user's own if there is one."""
+def _configuration(arguments: list[str]) -> list[SettingsFile]:
+    """The settings file that is named, else the user's own if there is one."""
     named = _option_value(arguments, "--config")
-    if named is not None:
-        return [Dict(data=read_settings_file(Path(named)), source=named)]
-    own = user_config_path()
-    if own.is_file():
-        return [Dict(data=read_settings_file(own), source=str(own))]
-    return []
+    path = user_config_path() if named is None else Path(named)
+    if named is None and not path.is_file():
+        return []
+    return [SettingsFile(str(path), read_settings_file(path))]
+
+
+@dataclass(frozen=True)
+class SettingsFile:
+    """Gives options that the command line leaves open their values from a settings file.
+
+    Top-level keys are the options of `dance2pose VIDEO`; those of a command stand in a table of
+    its name. (The library's own reader skips keys that are also a command's name, as `smooth` is.)
+    """
+
+    source: str
+    data: dict[str, Any]
+
+    def __call__(self, app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+        del app
+        table = self.data
+        for command in commands:
+            table = table.get(command, {})
+            if not isinstance(table, dict):
+                return  # the option of that name, not the command's table
+        for key, value in table.items():
+            if not isinstance(value, dict):
+                self._give(key, value, arguments)
+
+    def _give(self, key: str, value: object, arguments: ArgumentCollection) -> None:
+        try:
+            argument, _, _ = arguments.match(f"--{key.replace('_', '-')}")
+        except ValueError:
+            raise UsageError(f"{self.source}: unknown setting {key!r}") from None
+        if isinstance(value, list):
+            raise UsageError(f"{self.source}: {key} is a list, expected one value")
+        if not argument.tokens:
+            argument.append(Token(keyword=key, value=str(value), source=self.source))
 
 
 def _option_value(arguments: list[str], option: str) -> str | None:
