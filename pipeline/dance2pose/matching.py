@@ -22,10 +22,12 @@ _AGILITY = 2.0
 _BOX_NOISE = 0.05
 # Deviation of the unknown velocity of a new track, sizes per second.
 _FIRST_SPEED = 3.0
+# Out of sight, a movement dies down with this time constant: nobody runs straight on for long.
+_STAMINA_S = 2.0
 
 
 class BoxMotion:
-    """Kalman filter with constant velocity for the centre of a box, slow change for its size.
+    """Kalman filter with nearly constant velocity for the centre of a box; its size changes slowly.
 
     Time is in seconds, so any and varying frame rates fit.
     """
@@ -39,7 +41,8 @@ class BoxMotion:
 
     def advance(self, step_s: float) -> None:
         """Move on by `step_s` seconds without a sight."""
-        transition = np.array([[1.0, step_s], [0.0, 1.0]])
+        kept = np.exp(-step_s / _STAMINA_S)
+        transition = np.array([[1.0, _STAMINA_S * (1 - kept)], [0.0, kept]])
         wander = np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
         self.state = transition @ self.state
         self.covariance = transition @ self.covariance @ transition.T

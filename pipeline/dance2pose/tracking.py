@@ -35,6 +35,8 @@ class TrackingSettings:
     min_confidence: keypoints below it are missing (NaN). min_keypoints: a pose with fewer is not
     one. birth_sights: a track needs to be seen this often (or in every frame of a shorter shot).
     patience_s: a track unseen for longer has ended; whoever comes then is someone new.
+    hidden_patience_s: the same for those who vanished within the picture, not at its border;
+    after patience_s they are known again only by their colours.
     longest_gap_s: gaps up to this long are interpolated, those of a whole pose and those of a
     single keypoint; what was interpolated has half of min_confidence, so that a keypoint below
     min_confidence is always one that was not seen. same_person: keypoint similarity from which
@@ -45,6 +47,7 @@ class TrackingSettings:
     min_keypoints: int = 4
     birth_sights: int = 3
     patience_s: float = 2.0
+    hidden_patience_s: float = 6.0
     longest_gap_s: float = 0.25
     same_person: float = 0.7
 
@@ -60,6 +63,10 @@ _LEAST_AGREEMENT = 0.3
 # Colours are learned from sights that overlap nobody else by more than this (IoU).
 _OVERLAP = 0.1
 _COLOUR_RATE = 0.1
+# After more than `patience_s` the colours must be alike by at least this (0..1).
+_KNOWN_AGAIN = 0.6
+# Nearer than this to the border, as a share of the picture, someone may be walking out.
+_BORDER = 0.02
 # A track not yet confirmed ends after this many seconds unseen.
 _TENTATIVE_PATIENCE_S = 0.25
 
@@ -250,22 +257,27 @@ class Tracker:
                 )[0],
             ),
         ]
-        if candidate.colours is not None:
-            cues.append((_COLOURS, self._colour_cue(candidate.colours, detections, free)))
+        colours = self._colour_cue(candidate.colours, detections, free)
+        cues.append((_COLOURS, colours))
         weights = np.array([weight for weight, _ in cues])[:, np.newaxis]
         values = np.array([value for _, value in cues])
         known = np.isfinite(values)
         total = np.where(known, weights * values, 0).sum(axis=0) / (weights * known).sum(axis=0)
         change = np.abs(np.log(box_sizes(xyxy) / motion.size))
         possible = (away <= _FURTHEST) & (change <= np.log(_LARGEST_CHANGE))
+        if self._time_s[-1] - candidate.last_time_s > self.settings.patience_s:
+            possible &= colours >= _KNOWN_AGAIN
         agreement: Float64Array = np.where(possible, total, 0)
         return agreement
 
     def _colour_cue(
-        self, colours: Histogram, detections: _Detections, free: npt.NDArray[np.int64]
+        self, known: Histogram | None, detections: _Detections, free: npt.NDArray[np.int64]
     ) -> Float64Array:
+        """Likeness of the colours, NaN where either is unknown."""
         seen = [detections.colours[i] for i in free]
-        return np.array([np.nan if c is None else likeness(colours, c) for c in seen])
+        return np.array(
+            [np.nan if known is None or c is None else likeness(known, c) for c in seen]
+        )
 
     def _begin(self, detections: _Detections, i: int) -> _Candidate:
         xyxy = detections.xyxy[i]
@@ -282,7 +294,10 @@ class Tracker:
 
     def _see(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
         xyxy, colours = detections.xyxy[i], detections.colours[i]
-        candidate.motion.correct(xyxy)
+        if self._time_s[-1] - candidate.last_time_s > self.settings.patience_s:
+            candidate.motion = BoxMotion(xyxy)  # the way there tells nothing of the speed now
+        else:
+            candidate.motion.correct(xyxy)
         # Keypoints not seen now keep the place they had, moved along with the body.
         expected = candidate.expected_xy()
         candidate.xy = np.where(np.isfinite(detections.xy[i]), detections.xy[i], expected)
@@ -304,10 +319,17 @@ class Tracker:
         return len(candidate.rows) >= self.settings.birth_sights
 
     def _is_over(self, candidate: _Candidate, time_s: float) -> bool:
-        patience = (
-            self.settings.patience_s if self._is_confirmed(candidate) else _TENTATIVE_PATIENCE_S
-        )
-        return time_s - candidate.last_time_s > patience
+        unseen_s = time_s - candidate.last_time_s
+        if not self._is_confirmed(candidate):
+            return unseen_s > _TENTATIVE_PATIENCE_S
+        if candidate.colours is None or self._at_border(candidate.boxes[-1]):
+            return unseen_s > self.settings.patience_s
+        return unseen_s > max(self.settings.patience_s, self.settings.hidden_patience_s)
+
+    def _at_border(self, xyxy: FloatArray) -> bool:
+        size = np.array(self.image_size)
+        margin = _BORDER * size
+        return bool((xyxy[:2] <= margin).any() or (xyxy[2:] >= size - margin).any())
 
     def _end(self, candidates: list[_Candidate]) -> None:
         over = {id(candidate) for candidate in candidates}
