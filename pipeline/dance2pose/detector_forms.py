@@ -339,15 +339,15 @@ def _match_boxes_scores_classes(graph: Graph) -> Match | None:
 
 def _boxes_scores_classes(graph: Graph) -> tuple[TensorInfo, TensorInfo, TensorInfo] | None:
     """Boxes [.., N, 4]; classes are the integers, or named so; scores the other [.., N]."""
-    boxes = [t for t in graph.outputs if t.shape[-1:] == (4,) and len(t.shape) in (2, 3)]
-    if len(boxes) != 1:
+    boxes = max(graph.outputs, key=lambda t: len(t.shape))
+    if len(boxes.shape) not in (2, 3) or boxes.shape[-1] != 4:
         return None
-    lists = [t for t in graph.outputs if t.shape == boxes[0].shape[:-1] and t.name != boxes[0].name]
+    lists = [t for t in graph.outputs if t.shape == boxes.shape[:-1]]
     classes = [t for t in lists if t.dtype.kind == "i"] or [
         t for t in lists if "class" in t.name.lower() or "label" in t.name.lower()
     ]
     scores = [t for t in lists if t.dtype.kind == "f" and t not in classes]
-    return (boxes[0], scores[0], classes[0]) if len(classes) == len(scores) == 1 else None
+    return (boxes, scores[0], classes[0]) if len(classes) == len(scores) == 1 else None
 
 
 def _decode_boxes_scores_classes(outputs: Outputs, manifest: Manifest) -> Detections:
