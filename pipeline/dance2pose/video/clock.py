@@ -17,6 +17,9 @@ RESTART_S = 1.0
 # The least step of time between two frames whose own timestamps do not increase.
 LEAST_STEP_S = 1e-3
 
+# The rate is steady if so many of the steps between frames are as long as the rate says.
+STEADY = 0.98
+
 
 class Clock:
     """Turns timestamps into seconds that strictly increase.
@@ -44,19 +47,32 @@ class Clock:
         self.without_time = 0
         self.out_of_order = 0
         self.restarts = 0
+        self._regular = 0
+        self._gaps = 0
+        self._gaps_s = 0.0
 
     def read(self, picture: VideoFrame) -> float:
         """The time of the next picture in presentation order."""
         self.frames += 1
         pts = picture.dts if self.by_decoding else picture.pts
         if pts is None or self._start is None or self._time_base is None:
-            self.without_time += 1
+            self.without_time += not self.by_decoding  # the last few of an AVI come without
             time_s = 0.0 if self.last_s is None else self.last_s + self.period_s
         else:
             seconds = float((pts - self._start) * self._time_base)
             time_s = self._in_order(seconds + self._offset_s)
+        if self.last_s is not None:
+            self._note_step(time_s - self.last_s)
         self.last_s = time_s
         return time_s
+
+    def _note_step(self, step_s: float) -> None:
+        periods = step_s / self.period_s
+        if periods > 1.9:
+            self._gaps += 1
+            self._gaps_s += step_s - self.period_s
+        else:
+            self._regular += 0.9 < periods < 1.1
 
     def pts(self, time_s: float) -> int | None:
         """The timestamp of a time, None in a stream without timestamps."""
@@ -84,21 +100,23 @@ class Clock:
         """What had to be supposed about time, one line each."""
         lines = []
         if self.without_time:
-            part = (
-                "no frame carries"
-                if self.without_time == self.frames
-                else (f"{self.without_time} of {self.frames} frames carry no")
-            )
+            part = f"{self.without_time} of {self.frames} frames carry no timestamp"
+            if self.without_time == self.frames:
+                part = "no frame carries a timestamp"
             lines.append(
-                f"{part} a timestamp: their times are derived from the stream's rate of"
-                f" {float(self.rate):g} frames a second"
+                f"{part}: times follow the stream's rate of {float(self.rate):g} frames a second"
             )
         if self.out_of_order:
-            lines.append(f"{self.out_of_order} timestamps do not increase: moved by a millisecond")
+            lines.append(f"{self.out_of_order} timestamps did not increase: moved by a millisecond")
         if self.restarts:
             lines.append(
-                f"the timestamps begin again {self.restarts} times, as in joined recordings:"
-                " time runs on"
+                f"the timestamps begin again ({self.restarts} times), as in joined recordings:"
+                " the time runs on"
+            )
+        # At a steady rate a longer step is a hole; at a variable one it is how the video is.
+        if self._gaps and self._regular >= STEADY * (self.frames - 1 - self._gaps):
+            lines.append(
+                f"frames seem to be missing at {self._gaps} places, {self._gaps_s:.2f} s in all"
             )
         return lines
 

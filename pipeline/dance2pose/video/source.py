@@ -12,10 +12,12 @@ import av.error
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Disposition
+from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from dance2pose.errors import VideoError
+from dance2pose.video.ffv1 import Checksums
 
 # 8192 x 8192. Larger than any video camera's picture; a header that says more is damaged or hostile
 # and must not make us allocate gigabytes.
@@ -31,6 +33,10 @@ NOT_VIDEO = frozenset({"tty", "hls", "concat", "dash", "imf", "sdp", "rtsp", "we
 # streams may store one packet a field; VP8 in WebM has packets that are never shown.)
 ONE_PACKET_A_PICTURE = frozenset({"mov", "matroska", "avi", "mxf"})
 HIDDEN_PICTURES = frozenset({"vp8", "mpeg4", "msmpeg4v3"})
+
+# What costs much to decode at any size, and pictures that do in any codec.
+HEAVY_CODECS = frozenset({"ffv1", "prores", "jpeg2000", "vvc"})
+LARGE_PIXELS = 1_000_000
 
 
 def check_file(path: Path) -> int:
@@ -126,6 +132,21 @@ def check_size(path: Path, width: int, height: int) -> None:
         )
 
 
+def _set_threads(context: VideoCodecContext) -> None:
+    """Spread the decoding of large pictures over the cores, whole frames at a time.
+
+    Small ones are decoded in one thread: threads cost processor time that the models need (0.79 ms
+    a picture against 0.56 at 384 x 496; at 1088 x 1920 the cost is the same, 8.2 and 8.8 ms).
+    Never slices, PyAV's default: with them FFmpeg's H.264 decoder neither repairs nor reports
+    damage.
+    """
+    heavy = context.codec.canonical_name in HEAVY_CODECS
+    if heavy or context.width * context.height > LARGE_PIXELS:
+        context.thread_type = "FRAME"
+    else:
+        context.thread_count = 1
+
+
 class Source:
     """The decoder of one file.
 
@@ -145,7 +166,7 @@ class Source:
             raise
         context = self.stream.codec_context
         context.options = {"max_pixels": str(MAX_PIXELS)}
-        context.thread_type = decoder_threads(context.width, context.height)
+        _set_threads(context)
         self.packets = 0
         self.discarded = 0
         self.frames = 0
@@ -154,6 +175,7 @@ class Source:
         self.damaged_packets = 0
         self.damaged_frames = 0
         self.complete = False
+        self._checksums = Checksums() if context.codec.canonical_name == "ffv1" else None
         self._first_pts: int | None = None
         self._packets_before = 0
 
@@ -209,6 +231,8 @@ class Source:
         if not self._is_before(packet.pts):
             self.packets += 1
             self.discarded += packet.is_discard
+            if self._checksums is not None:
+                self._checksums.check(bytes(packet))
 
     def _is_before(self, pts: int | None) -> bool:
         return self._first_pts is not None and pts is not None and pts < self._first_pts
@@ -218,7 +242,9 @@ class Source:
         lines = []
         missing = self._missing() if self.complete else 0
         if missing:
-            lines.append(f"{missing} of {self.frames + missing} frames could not be decoded")
+            lines.append(
+                f"{missing} of {self.frames + missing} frames are missing or could not be decoded"
+            )
         elif self.decode_errors:
             lines.append(f"the decoder refused {self.decode_errors} pieces of the video")
         if self.damaged_frames:
@@ -226,6 +252,8 @@ class Source:
                 f"{self.damaged_frames} of {self.frames} frames are damaged in the file and were"
                 " patched up by the decoder"
             )
+        if self._checksums is not None and self._checksums.failed:
+            lines.append(f"the checksums of {self._checksums.failed} of {self.frames} frames fail")
         if self.read_errors:
             lines.append(f"the file could not be read in {self.read_errors} places")
         if not lines and self.damaged_packets:
@@ -247,13 +275,3 @@ class Source:
         except ValueError:
             return None
         return 3600 * hours + 60 * minutes + seconds
-
-
-def decoder_threads(width: int, height: int) -> str:
-    """FFmpeg's thread type for a picture size.
-
-    Splitting small pictures over threads costs a third more processor time, which the models need;
-    large ones gain the second core at the same cost (measured: 0.56 and 0.79 ms of processor time
-    for 384 x 496, 8.8 and 8.2 ms for 1088 x 1920, one thread against frame threads).
-    """
-    return "AUTO" if width * height > 1_000_000 else "SLICE"
