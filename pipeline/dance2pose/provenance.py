@@ -84,7 +84,8 @@ class Provenance:
         groups: dict[str, dict[str, Value]] = {"source": _file_rows(self.source)}
         for role, model in self.models.items():
             groups[f"model_{role}"] = _file_rows(model)
-        groups["settings"] = dict(self.settings)
+        # The recording gives one type to one name, and the video has a height of its own.
+        groups["settings"] = {f"setting_{name}": value for name, value in self.settings.items()}
         groups["stages"] = dict(self.stages)
         groups["versions"] = dict(self.versions)
         groups["warnings"] = {str(i): text for i, text in enumerate(self.warnings, start=1)}
@@ -248,6 +249,8 @@ def describe_settings(settings: object) -> dict[str, Value]:
     def plain(value: Any) -> Value:
         if isinstance(value, Path):
             return value.name
+        if value is None:
+            return "not given"
         return value if isinstance(value, bool | int | float | str) else str(value)
 
     return {name: plain(value) for name, value in _fields(settings).items()}
