@@ -1,0 +1,1 @@
+"""The paper's experiments, and the measures they are made of."""
