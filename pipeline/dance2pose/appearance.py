@@ -23,21 +23,16 @@ def torso_joints(skeleton: str) -> list[int]:
     return [joints.index(name) for name in _TORSO if name in joints]
 
 
-def torso_histogram(
-    image: Image, xy: FloatArray, xyxy: FloatArray, torso: list[int]
-) -> Histogram | None:
+def torso_histogram(image: Image, xy: FloatArray, torso: list[int]) -> Histogram | None:
     """Colour histogram of one dancer's torso, summing to 1; None where it is not to be seen.
 
-    xy: (J, 2) px, NaN where missing. xyxy: (4,) px; its middle stands in where fewer than three
-    of shoulders and hips are seen. Hue, saturation and brightness are binned 8 x 4 x 4.
+    xy: (J, 2) px, NaN where missing; at least three of shoulders and hips must be seen. Hue, saturation and brightness are binned 8 x 4 x 4.
     """
     points = xy[torso]
     points = points[np.isfinite(points).all(axis=1)]
-    if len(points) >= 3:
-        low, high = points.min(axis=0), points.max(axis=0)
-    else:
-        middle, side = (xyxy[:2] + xyxy[2:]) / 2, xyxy[2:] - xyxy[:2]
-        low, high = middle - side * (0.15, 0.25), middle + side * (0.15, 0.0)
+    if len(points) < 3:
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
     height, width = image.shape[:2]
     left, top = np.clip(np.floor(low), 0, (width, height)).astype(int)
     right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int)

@@ -17,7 +17,7 @@ NEXT_PICTURE_SIGMA = 0.15
 
 # How agile a body is, in body sizes: the spectral density of its acceleration is (this * size)^2,
 # so that within a second the velocity wanders by about this many sizes per second.
-_AGILITY = 2.0
+_AGILITY = 4.0
 # Deviation of a detector's box centre from frame to frame, in body sizes.
 _BOX_NOISE = 0.05
 # Deviation of the unknown velocity of a new track, sizes per second.

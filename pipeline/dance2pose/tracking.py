@@ -59,7 +59,9 @@ _FURTHEST = 4.0
 # ... nor with a body that is larger or smaller by more than this factor, ...
 _LARGEST_CHANGE = 2.5
 # ... nor with an agreement (0..1) below this.
-_LEAST_AGREEMENT = 0.3
+_LEAST_AGREEMENT = 0.25
+# Box and keypoints of the last sight say less and less, with this time constant.
+_STALE_S = 0.3
 # Colours are learned from sights that overlap nobody else by more than this (IoU).
 _OVERLAP = 0.1
 _COLOUR_RATE = 0.1
@@ -217,7 +219,7 @@ class Tracker:
         overlap = box_overlaps(xyxy, xyxy) - np.eye(len(xyxy))
         alone = np.max(overlap, axis=1, initial=0) < _OVERLAP
         colours = [
-            None if image is None else torso_histogram(image, xy[i], xyxy[i], self._torso)
+            None if image is None else torso_histogram(image, xy[i], self._torso)
             for i in range(len(xyxy))
         ]
         return _Detections(xyxy, xy, confidence, colours, alone)
@@ -244,11 +246,13 @@ class Tracker:
         xyxy, motion = detections.xyxy[free], candidate.motion
         away = motion.deviations(xyxy)
         size = np.array([motion.size])
+        unseen_s = self._time_s[-1] - candidate.last_time_s
+        fresh = np.exp(-unseen_s / _STALE_S)
         cues = [
             (_MOTION, np.exp(-np.square(away) / 8)),
-            (_BOX, box_overlaps(motion.xyxy[np.newaxis], xyxy)[0]),
+            (_BOX * fresh, box_overlaps(motion.xyxy[np.newaxis], xyxy)[0]),
             (
-                _KEYPOINTS,
+                _KEYPOINTS * fresh,
                 keypoint_similarities(
                     candidate.expected_xy()[np.newaxis],
                     detections.xy[free],
@@ -265,7 +269,7 @@ class Tracker:
         total = np.where(known, weights * values, 0).sum(axis=0) / (weights * known).sum(axis=0)
         change = np.abs(np.log(box_sizes(xyxy) / motion.size))
         possible = (away <= _FURTHEST) & (change <= np.log(_LARGEST_CHANGE))
-        if self._time_s[-1] - candidate.last_time_s > self.settings.patience_s:
+        if unseen_s > self.settings.patience_s:
             possible &= colours >= _KNOWN_AGAIN
         agreement: Float64Array = np.where(possible, total, 0)
         return agreement
