@@ -74,6 +74,7 @@ def heatmap_graph(path: Path, joints: int) -> tuple[Path, Array, Array]:
     xy, scores = planted(joints, step=4)
     # A shade more weight to the right and below: a quarter of a heatmap pixel.
     heatmaps = gaussians(xy / 4 + 0.1, scores)
+    path.with_suffix(".toml").write_text('refinement = "quarter"\n')
     emitting_per_crop(path, {"heatmap": heatmaps}, input_shape=["batch", 3, CROP[1], CROP[0]])
     return path, xy + 1.0, heatmaps.max(axis=(2, 3))
 
@@ -150,6 +151,7 @@ def test_simcc_with_the_axes_in_the_other_order(tmp_path: Path) -> None:
 def test_extra_argmax_output_is_not_used(tmp_path: Path) -> None:
     xy, scores = planted(17, step=4)
     heatmaps = gaussians(xy / 4 + 0.1, scores)
+    (tmp_path / "m.toml").write_text('refinement = "quarter"\n')
     path = emitting(
         tmp_path / "m.onnx",
         {"heatmap": heatmaps, "argmax": np.zeros((1, 17), np.int64)},
@@ -172,7 +174,7 @@ def test_dark_refinement_finds_the_top_between_pixels(alignment: str, tmp_path: 
         {"heatmap": gaussians(centres, scores)},
         input_shape=["batch", 3, CROP[1], CROP[0]],
     )
-    (tmp_path / "m.toml").write_text(f'refinement = "dark"\nheatmap_alignment = "{alignment}"\n')
+    (tmp_path / "m.toml").write_text(f'heatmap_alignment = "{alignment}"\n')
     model = load_pose_model(path)
     assert isinstance(model, KeypointEstimator)
     stride = 4 if alignment == "stride" else np.array([95 / 23, 127 / 31])
@@ -256,6 +258,7 @@ def test_layouts_types_and_fixed_batches(
 ) -> None:
     xy, scores = planted(17, step=4)
     heatmaps = gaussians(xy / 4 + 0.1, scores)
+    (tmp_path / "m.toml").write_text('refinement = "quarter"\n')
     shape = [3, CROP[1], CROP[0]]
     if layout == "NHWC":
         heatmaps, shape = heatmaps.transpose(0, 2, 3, 1), [*shape[1:], 3]

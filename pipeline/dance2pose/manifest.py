@@ -79,7 +79,7 @@ class Manifest:
     box_unit: BoxUnit = "pixels"
     skeleton: str | None = None
     box_scale: float = 1.25
-    refinement: Refinement = "quarter"
+    refinement: Refinement = "dark"
     heatmap_alignment: HeatmapAlignment = "stride"
     model: str | None = None
     name: str | None = None

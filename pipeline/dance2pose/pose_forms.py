@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -36,7 +35,7 @@ def _match_heatmap(graph: Graph) -> Match | None:
     return Match(
         {"heatmap": heatmap.name},
         reasons,
-        {**CROP_INPUT, "refinement": "quarter"},
+        {**CROP_INPUT, "refinement": "dark"},
         [*_CROP_ASSUMED, "heatmap pixel i lies at input pixel i * stride (ViTPose: corners)"],
         keypoints=channels,
         default_size=(192, 256),
@@ -83,44 +82,57 @@ def quarter_pixel_shift(heatmap: Array, x: Array, y: Array) -> npt.NDArray[np.fl
     return np.asarray(shift, np.float32)
 
 
-# Width of the Gaussian that the published models' heatmaps were trained with, as a kernel size,
-# for heatmaps 64 px high (Zhang et al. 2020 use 11 for sigma 2); scaled to other heights.
-_DARK_KERNEL, _DARK_ROWS = 11, 64
+# Standard deviation of the Gaussians that published models' heatmaps are trained with, in heatmap
+# pixels, where the heatmap is 64 px high; it grows with the height (3 at 96).
+_GAUSSIAN_SIGMA, _GAUSSIAN_ROWS = 2.0, 64
 
 
 def dark_shift(heatmap: Array, x: Array, y: Array) -> npt.NDArray[np.float32]:
     """(N, K, 2) shifts from the maxima (x, y) to the tops of the Gaussians they sample.
 
-    One Newton step on the logarithm of the smoothed heatmap (Zhang et al., CVPR 2020, equation
-    8). Maxima within two pixels of the border, and those where the curvature is not that of a
-    top, stay where they are; no shift is longer than a pixel.
+    One Newton step on the logarithm of the smoothed heatmap (Zhang et al., CVPR 2020, equations
+    8 and 9). Maxima within two pixels of the border, and those where the curvature is not that of
+    a top, stay where they are; no shift is longer than a pixel on either axis.
     """
-    people, keypoints, rows, columns = heatmap.shape
-    kernel = max(3, int(_DARK_KERNEL * rows / _DARK_ROWS) // 2 * 2 + 1)
-    shifts = np.zeros((people, keypoints, 2), np.float32)
-    for n in range(people):
-        for k in range(keypoints):
-            j, i = int(x[n, k]), int(y[n, k])
-            if not (2 <= j < columns - 2 and 2 <= i < rows - 2):
-                continue
-            smooth = np.asarray(cv2.GaussianBlur(heatmap[n, k], (kernel, kernel), 0))
-            patch = np.log(np.maximum(smooth[i - 2 : i + 3, j - 2 : j + 3], 1e-10)).astype(float)
-            shifts[n, k] = _newton_step(patch)
-    return shifts
+    rows, columns = heatmap.shape[2:]
+    sigma = _GAUSSIAN_SIGMA * rows / _GAUSSIAN_ROWS
+    reach = max(1, round(2.5 * sigma))
+    # Only the 5x5 pixels about each maximum are smoothed: gather what they need, and weigh it.
+    offsets = np.arange(-2 - reach, 3 + reach)
+    person, keypoint = np.ogrid[: heatmap.shape[0], : heatmap.shape[1]]
+    window = heatmap[
+        person[..., None, None],
+        keypoint[..., None, None],
+        _reflected(y[..., None] + offsets, rows)[..., :, None],
+        _reflected(x[..., None] + offsets, columns)[..., None, :],
+    ]
+    kernel = np.exp(-((offsets[None] - np.arange(-2, 3)[:, None]) ** 2) / (2 * sigma**2))
+    kernel[np.abs(offsets[None] - np.arange(-2, 3)[:, None]) > reach] = 0
+    kernel /= kernel.sum(axis=1, keepdims=True)
+    patch = np.log(np.maximum(kernel @ window @ kernel.T, 1e-10))
+    inside = (x >= 2) & (x < columns - 2) & (y >= 2) & (y < rows - 2)
+    return np.asarray(_newton_step(patch) * inside[..., None], np.float32)
+
+
+def _reflected(index: Array, length: int) -> Array:
+    """Indices beyond either end of an axis, mirrored back about its first or last pixel."""
+    index = np.abs(index)
+    return np.clip(np.where(index >= length, 2 * (length - 1) - index, index), 0, length - 1)
 
 
 def _newton_step(patch: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(dx, dy) from the centre of a (5, 5) patch to the top of the parabola through it."""
-    dx = (patch[2, 3] - patch[2, 1]) / 2
-    dy = (patch[3, 2] - patch[1, 2]) / 2
-    dxx = (patch[2, 4] - 2 * patch[2, 2] + patch[2, 0]) / 4
-    dyy = (patch[4, 2] - 2 * patch[2, 2] + patch[0, 2]) / 4
-    dxy = (patch[3, 3] - patch[1, 3] - patch[3, 1] + patch[1, 1]) / 4
+    """(..., 2) steps from the centres of patches (..., 5, 5) to the tops of their parabolas."""
+    dx = (patch[..., 2, 3] - patch[..., 2, 1]) / 2
+    dy = (patch[..., 3, 2] - patch[..., 1, 2]) / 2
+    centre = patch[..., 2, 2]
+    dxx = (patch[..., 2, 4] - 2 * centre + patch[..., 2, 0]) / 4
+    dyy = (patch[..., 4, 2] - 2 * centre + patch[..., 0, 2]) / 4
+    dxy = (patch[..., 3, 3] - patch[..., 1, 3] - patch[..., 3, 1] + patch[..., 1, 1]) / 4
     determinant = dxx * dyy - dxy**2
-    if determinant <= 1e-12 or dxx >= 0:
-        return np.zeros(2)
-    step = np.array([dxy * dy - dyy * dx, dxy * dx - dxx * dy]) / determinant
-    return np.asarray(np.clip(step, -1, 1))
+    is_top = (determinant > 1e-12) & (dxx < 0)
+    step = np.stack([dxy * dy - dyy * dx, dxy * dx - dxx * dy], axis=-1)
+    step = step / np.where(is_top, determinant, 1)[..., None]
+    return np.asarray(np.clip(step, -1, 1) * is_top[..., None])
 
 
 # SimCC ----------------------------------------------------------------------------------------
