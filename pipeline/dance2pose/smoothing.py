@@ -25,6 +25,7 @@ from dance2pose.temporal_models import TemporalModel as TemporalModel
 
 DEFAULT_MODEL = "mma"
 DEFAULT_WINDOW = 5
+DEFAULT_BETA = 5.0
 
 
 def smooth(
@@ -34,7 +35,7 @@ def smooth(
     window: int = DEFAULT_WINDOW,
     time_s: npt.ArrayLike | None = None,
     cutoff_hz: float | None = None,
-    beta: float = 1.0,
+    beta: float = DEFAULT_BETA,
 ) -> FloatArray:
     """Smooth a sequence along its first axis.
 
@@ -113,7 +114,7 @@ def _smooth(
     window: int,
     time_s: npt.ArrayLike | None = None,
     cutoff_hz: float | None = None,
-    beta: float = 1.0,
+    beta: float = DEFAULT_BETA,
 ) -> FloatArray:
     check_window(model, window)
     times, step_s = _times(time_s, len(array))

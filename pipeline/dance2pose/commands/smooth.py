@@ -15,6 +15,7 @@ from dance2pose.errors import DataError, UsageError
 from dance2pose.npz_files import AnyArray, read_arrays, write_arrays
 from dance2pose.output_files import check_output
 from dance2pose.smoothing import (
+    DEFAULT_BETA,
     DEFAULT_MODEL,
     DEFAULT_WINDOW,
     check_window,
@@ -37,7 +38,7 @@ def smooth(
     window: int = DEFAULT_WINDOW,
     key: str | None = None,
     cutoff: float | None = None,
-    beta: float = 1.0,
+    beta: float = DEFAULT_BETA,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> None:
