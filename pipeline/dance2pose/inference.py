@@ -71,7 +71,10 @@ class Session:
         try:
             results: list[Array] = self._native.run(list(outputs), dict(feeds))
         except Exception as error:  # ONNX Runtime's own classes share no base but Exception
-            raise ModelError(f"{self.path}: the model failed: {_brief(error)}") from error
+            text = _brief(error)
+            if "allocate memory" in text or "bad_alloc" in text or isinstance(error, MemoryError):
+                text = "it asks for more memory than there is"
+            raise ModelError(f"{self.path}: the model failed: {text}") from error
         for name, values in zip(outputs, results, strict=True):
             # The minimum is NaN where any value is, and needs no second array.
             if values.dtype.kind == "f" and values.size and np.isnan(values.min()):

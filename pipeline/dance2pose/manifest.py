@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -253,6 +254,8 @@ def _problem(key: str, value: Any) -> str | None:
     if kind_of_value == "Triple":
         if not _is_triple(value):
             return f"{value!r}, expected three numbers"
+        if not all(math.isfinite(number) for number in value):
+            return f"{value!r} holds a value that is not finite"
         return "holds a zero, expected three numbers > 0" if key == "std" and 0 in value else None
     if kind_of_value == "str":
         return None if isinstance(value, str) else f"{value!r}, expected a string"
