@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import pyarrow as pa
 
 from dance2pose.errors import OutputError
 from dance2pose.output_files import written_whole
@@ -33,6 +34,7 @@ from dance2pose.quiet_rerun import rr
 from dance2pose.recording_entities import PICTURE, PROVENANCE, Clock, send_dancer, send_static
 from dance2pose.recording_file import is_whole
 from dance2pose.recording_layout import blueprint
+from dance2pose.recording_stream import open_stream
 
 if TYPE_CHECKING:
     from dance2pose.video import VideoInfo
@@ -82,17 +84,20 @@ class RecordingWriter:
             video = read_video_asset(self._video.path) if self._picture == "video" else None
             temporary = stack.enter_context(written_whole(self._path, overwrite=self._overwrite))
             self._temporary = temporary
-            self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=self._recording_id)
-            stack.callback(self._stream.disconnect)
             # Else Rerun would leave out what it cannot record, with no more than a warning.
             stack.callback(rr.set_strict_mode, rr.strict_mode())
             rr.set_strict_mode(True)
-            self._stream.save(temporary)
+            self._file = stack.enter_context(
+                open_stream(
+                    temporary, application_id=APPLICATION_ID, recording_id=self._recording_id
+                )
+            )
+            self._stream = self._file.rerun
             self._stream.send_recording_name(self._video.path.name)
             if video is not None:
                 self._stream.log(PICTURE, video.asset, static=True)
                 self._timestamps_ns = video.timestamps_ns
-                self._flush()
+                self._file.flush()
             self._exit = stack.pop_all()
         return self
 
@@ -108,9 +113,9 @@ class RecordingWriter:
         with self._exit:
             if not self._written:
                 raise RuntimeError(f"{self._path}: RecordingWriter.write was not called")
-            self._flush()
-            self._stream.disconnect()
-            self._check_end()
+            self._file.close()
+            if not is_whole(self._temporary):
+                raise OutputError(f"{self._path}: could not be written whole; nothing was left")
 
     def picture_frame(self, frame: Frame) -> None:
         """Take the next processed frame: its time, and its picture where frames are recorded."""
@@ -152,24 +157,15 @@ class RecordingWriter:
         )
         self._send(self._clock(start=len(self._frames) - len(self._pictures)), columns)
         self._pictures = []
-        self._flush()
+        self._file.flush()
 
     def _write_provenance(self, provenance: Provenance) -> None:
         text = rr.TextDocument(provenance.to_markdown(), media_type=rr.MediaType.MARKDOWN)
         self._stream.log(PROVENANCE, text, static=True)
         for group, values in provenance.to_properties().items():
-            self._stream.send_property(group, rr.AnyValues(drop_untyped_nones=True, **values))
+            # Typed arrays: else the first value of a name decides its type for the whole process.
+            arrays = {name: pa.array([value]) for name, value in values.items()}
+            self._stream.send_property(group, rr.AnyValues(drop_untyped_nones=True, **arrays))
 
     def _send(self, clock: Clock, columns: rr.ComponentColumnList) -> None:
         rr.send_columns(PICTURE, clock.columns(), columns, recording=self._stream)
-
-    def _flush(self) -> None:
-        """Wait until all is on disk: memory stays bounded, and a full disk shows at once."""
-        try:
-            self._stream.flush()
-        except RuntimeError as error:
-            raise OutputError(f"{self._path}: cannot be written, is the disk full?") from error
-
-    def _check_end(self) -> None:
-        if not is_whole(self._temporary):
-            raise OutputError(f"{self._path}: cannot be written whole, is the disk full?")

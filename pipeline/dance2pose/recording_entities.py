@@ -83,7 +83,7 @@ def send_static(stream: rr.RecordingStream, dancers: list[Dancer], offsets: Floa
     stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
     _send_classes(stream, PICTURE, [(d.person, d.track.skeleton) for d in dancers])
     _send_classes(stream, WORLD, [(d.person, d.smoothed.skeleton) for d in dancers])
-    for dancer, offset in zip(dancers, offsets):
+    for dancer, offset in zip(dancers, offsets, strict=True):
         person, path = dancer.person, dancer_path(dancer.person)
         stream.log(path, rr.Transform3D(translation=offset), static=True)
         raw = rr.AnnotationContext(_skeleton_class(person, dancer.raw.skeleton, faint=True))
