@@ -177,12 +177,12 @@ def allocating(path: Path, gibibytes: int) -> Path:
     ]
     constants = {
         "huge": np.array([gibibytes, 1024, 1024, 256], np.int64),
-        "rows_value": np.zeros((1, 5, 84), np.float32),  # 84 cells over 64x64, one class
+        "rows_value": np.zeros((1, 5, 126), np.float32),  # 126 cells over 96x64, one class
     }
     return save(
         path,
         nodes,
-        [tensor("images", np.float32, [1, 3, 64, 64])],
-        [tensor("rows", np.float32, [1, 5, 84])],
+        [tensor("images", np.float32, [1, 3, 64, 96])],
+        [tensor("rows", np.float32, [1, 5, 126])],
         constants,
     )
