@@ -9,7 +9,7 @@ import numpy as np
 
 from dance2pose.errors import UsageError
 from dance2pose.matching import box_sizes
-from dance2pose.poses import Track2D
+from dance2pose.poses import BoolArray, Track2D
 
 CHOICES = ("auto", "all", "largest", "central")
 
@@ -44,6 +44,8 @@ def choose(
                 " person all shows them all"
             )
         return [weighed[wanted - 1][1]]
+    if wanted == "central" and not all(weighed[0][1].image_size):
+        raise UsageError("who is central cannot be told where the size of the picture is unknown")
     chosen: list[Track2D] = []
     for shot in {track.shot for _, track in weighed}:
         of_shot = [pair for pair in weighed if pair[1].shot == shot]
@@ -69,26 +71,34 @@ def parse_person(person: str | int) -> str | int:
 
 
 def prominence(track: Track2D, frames_of_shot: int) -> float:
-    """How much a shot is about a person: size x duration x centrality x confidence, each 0..1."""
+    """How much a shot is about a person: size x duration x centrality x confidence.
+
+    Each is a share (0..1): of the picture, of the frames of the shot, see `centrality`, of sure
+    keypoints.
+    """
     share = min(1.0, seen(track).sum() / max(frames_of_shot, 1))
     return float(mean_size(track) * share * centrality(track) * mean_confidence(track))
 
 
-def seen(track: Track2D) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def seen(track: Track2D) -> BoolArray:
     """(T,) where the person was detected."""
-    rows: np.ndarray[tuple[int], np.dtype[np.bool_]] = np.isfinite(track.box).all(axis=1)
-    return rows
+    return np.isfinite(track.box[:, 0])
 
 
 def mean_size(track: Track2D) -> float:
-    """Mean root of the box area over that of the picture, 0..1."""
-    picture = np.sqrt(float(np.prod(track.image_size)))
-    return float(np.clip(box_sizes(track.box[seen(track)]).mean() / picture, 0, 1))
+    """Mean root of the box area over that of the picture (px where its size is unknown)."""
+    picture = np.sqrt(float(np.prod(track.image_size))) or 1.0
+    return float(box_sizes(track.box[seen(track)]).mean() / picture)
 
 
 def centrality(track: Track2D) -> float:
-    """1 in the middle of the picture, falling to a half at its corners; the mean over time."""
+    """1 in the middle of the picture, falling to a half at its corners; the mean over time.
+
+    Everyone is as central as any other where the size of the picture is unknown.
+    """
     half = np.array(track.image_size) / 2
+    if not half.all():
+        return 1.0
     boxes = track.box[seen(track)]
     centres = (boxes[:, :2] + boxes[:, 2:]) / 2
     away = np.linalg.norm(centres - half, axis=1) / np.linalg.norm(half)
