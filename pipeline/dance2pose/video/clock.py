@@ -10,9 +10,9 @@ from av.video.stream import VideoStream
 # FFmpeg's own assumption for streams that carry no rate at all.
 DEFAULT_RATE = Fraction(25)
 
-# A timestamp that jumps back by more is a new recording spliced in (its clock begins again); a
-# smaller step back is one wrong timestamp.
-RESTART_S = 1.0
+# A timestamp that steps back by more periods than this is a new recording spliced in (its clock
+# begins again); a smaller step back is one wrong timestamp.
+RESTART_PERIODS = 4
 
 # The least step of time between two frames whose own timestamps do not increase.
 LEAST_STEP_S = 1e-3
@@ -89,7 +89,7 @@ class Clock:
         last_s = self.last_s
         if last_s is None or time_s > last_s:
             return time_s
-        if time_s > last_s - RESTART_S:
+        if time_s > last_s - RESTART_PERIODS * self.period_s:
             self.out_of_order += 1
             return last_s + LEAST_STEP_S
         self.restarts += 1
@@ -110,11 +110,12 @@ class Clock:
             lines.append(f"{self.out_of_order} timestamps did not increase: moved by a millisecond")
         if self.restarts:
             lines.append(
-                f"the timestamps begin again ({self.restarts} times), as in joined recordings:"
+                f"the timestamps begin again at {self.restarts} places, as in joined recordings:"
                 " the time runs on"
             )
         # At a steady rate a longer step is a hole; at a variable one it is how the video is.
-        if self._gaps and self._regular >= STEADY * (self.frames - 1 - self._gaps):
+        steps = self.frames - 1
+        if 0 < self._gaps < self._regular and self._regular >= STEADY * (steps - self._gaps):
             lines.append(
                 f"frames seem to be missing at {self._gaps} places, {self._gaps_s:.2f} s in all"
             )
@@ -134,5 +135,6 @@ def make_clock(stream: VideoStream, first: VideoFrame) -> Clock:
     start_pts = first.dts if by_decoding else first.pts
     if start_pts is not None and stream.start_time is not None and not by_decoding:
         start_pts = min(start_pts, stream.start_time)
-    rate = stream.average_rate or stream.guessed_rate
+    # FFmpeg's guess knows the codec's own rate; the average of a raw stream is a fixed 25.
+    rate = stream.guessed_rate or stream.average_rate
     return Clock(start_pts, stream.time_base, rate, by_decoding=by_decoding)

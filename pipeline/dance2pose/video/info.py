@@ -81,7 +81,9 @@ def describe(
         duration_s = float(stream.duration * stream.time_base)
     elif container.duration is not None:
         duration_s = container.duration / av.time_base
-    rate = stream.average_rate or stream.guessed_rate
+    rate = stream.guessed_rate or stream.average_rate
+    if stream.frames and duration_s:
+        rate = Fraction(stream.frames / duration_s)
     start_s = None
     if stream.start_time is not None and stream.time_base is not None:
         start_s = float(stream.start_time * stream.time_base)

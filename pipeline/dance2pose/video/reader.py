@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
+import av.error
 from av.video.frame import VideoFrame
 
 from dance2pose.errors import UsageError, VideoError
@@ -19,7 +21,7 @@ from dance2pose.video.info import VideoInfo, describe
 from dance2pose.video.interlacing import find_interlacing
 from dance2pose.video.picture import PictureMaker, orientation
 from dance2pose.video.seeking import LEAST_SKIP_S, find_entry
-from dance2pose.video.source import Source
+from dance2pose.video.source import MAX_PIXELS, Source
 
 Deinterlace = Literal["auto", "off"]
 
@@ -100,11 +102,12 @@ class FrameReader:
         entry = find_entry(self.info.path, target)
         if entry is None or entry.index == 0:
             return None
-        self._source.seek(entry.pts, entry.packets_before)
-        pictures = self._source.decoded()
-        first = next(pictures, None)
-        if first is not None and first.pts == entry.pts:
-            return enumerate(chain([first], pictures), start=entry.index)
+        with contextlib.suppress(av.error.FFmpegError):  # not every file can be sought in
+            self._source.seek(entry.pts, entry.packets_before)
+            pictures = self._source.decoded()
+            first = next(pictures, None)
+            if first is not None and first.pts == entry.pts:
+                return enumerate(chain([first], pictures), start=entry.index)
         self._source.close()  # landed elsewhere: begin again
         self._source = Source(self.info.path)
         return enumerate(self._source.decoded())
@@ -154,22 +157,26 @@ class FrameReader:
 
     def _frames(self) -> Iterator[Frame]:
         """In the background thread: the wanted frames, then the account of what was lost."""
-        given = 0
         wanted = 0
-        for timed in self._progressive():
-            if not self._start_s <= timed.time_s < self._end_s:
-                continue
-            wanted += 1
-            if (wanted - 1) % self._every:
-                continue
-            given += 1
-            image = self._maker.image(timed.picture, timed.orientation)
-            yield Frame(timed.index, timed.time_s, image)
-        self._account()
-        if not given:
+        try:
+            for timed in self._progressive():
+                if timed.time_s < self._start_s:
+                    continue
+                if wanted % self._every == 0:
+                    image = self._maker.image(timed.picture, timed.orientation)
+                    yield Frame(timed.index, timed.time_s, image)
+                wanted += 1
+        except av.error.FFmpegError as error:
             raise VideoError(
-                f"{self.info.path}: no frame between {self._start_s:g} s and {self._end_s:g} s;"
-                f" {self._clock.frames} frames were read"
+                f"{self.info.path}: a frame after {self._clock.end_s:.2f} s cannot be turned into a"
+                f" picture ({error.strerror}); convert the video, or name an earlier end"
+            ) from None
+        self._account()
+        if not wanted:
+            until = f"to {self._end_s:g} s" if self._end_s < float("inf") else "on"
+            raise VideoError(
+                f"{self.info.path}: has no frame from {self._start_s:g} s {until}; the last one"
+                f" read is at {self._clock.last_s or 0.0:.2f} s"
             )
 
     def _timed(self) -> Iterator[Timed]:
@@ -214,10 +221,16 @@ class FrameReader:
 
 def _first(decoded: Iterator[VideoFrame], source: Source) -> VideoFrame:
     first = next(decoded, None)
-    if first is None:
+    if first is not None:
+        return first
+    context = source.stream.codec_context
+    if not context.width * context.height:
         raise VideoError(
-            f"{source.path}: holds no frame that can be decoded"
-            f" (codec {source.stream.codec_context.codec.canonical_name}, {source.packets} packets,"
-            f" {source.decode_errors} refused by the decoder); copy it again, or convert it"
+            f"{source.path}: says no picture size, or one of more than {MAX_PIXELS} px in all; its"
+            " header is damaged, or the video must be made smaller first"
         )
-    return first
+    raise VideoError(
+        f"{source.path}: holds no frame that can be decoded (codec"
+        f" {context.codec.canonical_name}, {source.packets} packets, {source.decode_errors}"
+        " refused by the decoder); copy it again, or convert it"
+    )
