@@ -143,7 +143,8 @@ def _unit(vector: FloatArray) -> FloatArray:
     """Vectors (3, ...) scaled to length one; NaN where the length is zero."""
     norm = np.sqrt((vector * vector).sum(axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return vector / norm
+        unit: FloatArray = vector / norm
+    return unit
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,8 @@ class Limits:
             for number, bone in enumerate(self.bones):
                 direction = frames.look(bone)
                 flags[part, columns[number]] = self.allowed(bone, frames, direction)
-        return flags.reshape(*xyz.shape[:-2], -1)
+        shaped: BoolArray = flags.reshape(*xyz.shape[:-2], flags.shape[1])
+        return shaped
 
     def allowed(self, bone: str, frames: BodyFrames, direction: FloatArray) -> BoolArray:
         """Whether local directions (3, N) of one bone are valid given the bones further in."""
@@ -191,7 +193,7 @@ class Limits:
         parent = parent_bone(bone)
         if parent is None:
             occupied: BoolArray = self.occupancy[(number, *bins(direction))]
-            return occupied | np.isnan(direction[0])
+            return np.asarray(occupied | np.isnan(direction[0]))
         rows = self.region_rows(bone, frames)
         inside = np.ones(direction.shape[1], dtype=bool)
         for axis in range(3):

@@ -58,7 +58,7 @@ def project(limits: Limits, poses: FloatArray) -> FloatArray:
 
 def _turn(
     poses: FloatArray,
-    which: FloatArray,
+    which: IntArray,
     child: int,
     direction: FloatArray,
     parents: tuple[int, ...],
