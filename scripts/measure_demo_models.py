@@ -1,0 +1,141 @@
+"""Measure the bundled demo models: on their clip, on rendered figures, and on a real video.
+
+    python scripts/measure_demo_models.py [--models FOLDER]
+        [--pool FOLDER] [--video FILE --detector ONNX --pose ONNX]
+
+--pool: a pool of rendered samples from takes and bodies never trained on (made by
+`python -m figure_renderer.pool`). --video: a real video, compared with what the named real models
+find in it, which stands in for the truth. Prints one line a measurement.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dance2pose import demo
+from dance2pose.config import Settings
+from dance2pose.detection import load_detector
+from dance2pose.exchange import read_track
+from dance2pose.keypoints import load_pose_model
+from dance2pose.poses import Boxes, Track2D
+from dance2pose.reconstruct import reconstruct
+from dance2pose.skeleton import convert
+from demo_training.backgrounds import backgrounds
+from figure_renderer.pool import open_pool
+
+SURE = 0.3  # keypoints of the reference models below this confidence are not compared
+
+
+def on_clip(models: Path) -> None:
+    truth = demo.read_truth()
+    track = _track(demo.asset(demo.CLIP), models / demo.DETECTOR, models / demo.POSE, "largest")
+    near = _near(track.xy, truth.keypoints[track.frame])
+    seen = ~np.isnan(track.xy[:, :17]).all(axis=(1, 2))
+    frames = len(truth.time_s)
+    print(f"clip: a pose in {seen.sum() / frames:.1%} of {frames} frames")
+    print(f"clip: PCK@0.2 body {near[:, :17].sum() / (17 * frames):.3f}, "
+          f"feet {near[:, 17:].sum() / (6 * frames):.3f}")  # fmt: skip
+
+
+def on_pool(folder: Path, models: Path) -> None:
+    """Rendered figures, half of them over procedural pictures; the model gets true boxes, and
+    the detector the same pictures whole."""
+    pool, rng = open_pool(folder), np.random.default_rng(7)
+    pictures = backgrounds(7, 40, pool.pictures.shape[1])
+    detector = load_detector(models / demo.DETECTOR)
+    estimator = load_pose_model(models / demo.POSE)
+    near, found, overlap = [], 0, []
+    rows = pool.ready()
+    for row in rows:
+        picture, mask = pool.pictures[row][..., :3], pool.pictures[row][..., 3]
+        if pool.state[row] == 1:
+            behind = pictures[rng.integers(len(pictures))]
+            picture = np.where(mask[..., None] > 127, picture, behind)
+        image = np.ascontiguousarray(picture[..., ::-1])
+        x, y, w, h = cv2.boundingRect((mask > 127).astype(np.uint8))
+        box = np.array([[x, y, x + w, y + h]], float)
+        keypoints = pool.keypoints[row]
+        estimated = estimator.estimate(image, Boxes(box, np.ones(1)))
+        near.append(_near(estimated.xy, keypoints[None])[0])
+        boxes = detector.detect(image)
+        best = max((_iou(b, box[0]) for b in boxes.xyxy), default=0.0)
+        overlap.append(best)
+        found += best >= 0.5
+    hits = np.array(near)
+    print(f"rendered: {len(rows)} figures never trained on; PCK@0.2 body "
+          f"{hits[:, :17].mean():.3f}, feet {hits[:, 17:].mean():.3f}; detector recall at IoU 0.5 "
+          f"{found / len(rows):.3f}, mean IoU {np.mean(overlap):.2f}")  # fmt: skip
+
+
+def on_video(video: Path, models: Path, detector: Path, pose: Path) -> None:
+    reference = _track(video, detector, pose, "largest")
+    track = _track(video, models / demo.DETECTOR, models / demo.POSE, "largest")
+    rows = {int(f): k for k, f in enumerate(track.frame)}
+    seen = ~np.isnan(track.xy).all(axis=(1, 2))
+    hits = total = posed = 0
+    each = np.zeros((2, 17))
+    for k, frame in enumerate(reference.frame):
+        row = rows.get(int(frame))
+        posed += row is not None and bool(seen[row])
+        sure = reference.confidence[k, :17] >= SURE
+        total += sure.sum()
+        each[1] += sure
+        if row is not None:
+            near = _near(track.xy[row : row + 1], reference.xy[k : k + 1])[0, :17] & sure
+            hits += near.sum()
+            each[0] += near
+    print(f"{video.name}: a pose in {posed / len(reference):.1%} of the {len(reference)} frames "
+          f"with a reference pose; PCK@0.2 {hits / total:.3f} of the keypoints sure in the "
+          f"reference")  # fmt: skip
+    print(f"{video.name}: by keypoint {np.round(each[0] / np.maximum(each[1], 1), 2).tolist()}")
+
+
+def _near(xy: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(T, J) whether each keypoint lies within 0.2 torso lengths; NaN does not."""
+    joints = truth.shape[1]
+    return (
+        np.linalg.norm(xy[:, :joints] - truth, axis=-1)
+        <= demo.NEAR_TORSO * demo.torso_length(truth)[:, None]
+    )
+
+
+def _iou(a: np.ndarray, b: np.ndarray) -> float:
+    inner = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+    both = float(np.clip(inner, 0, None).prod())
+    return both / float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both)
+
+
+def _track(video: Path, detector: Path, pose: Path, person: str) -> Track2D:
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out.rrd"
+        settings = Settings(detector=detector, pose=pose, person=person, picture="none")
+        reconstruct(video, out, settings=settings)
+        track = read_track(out.with_suffix(".track.npz"))
+    if track.skeleton in ("coco17", "coco23"):
+        return track
+    xy, confidence = convert(track.xy, track.confidence, source=track.skeleton, target="coco17")
+    return Track2D(**{**vars(track), "xy": xy, "confidence": confidence, "skeleton": "coco17"})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", type=Path, default=demo.asset(demo.CLIP).parent)
+    parser.add_argument("--pool", type=Path)
+    parser.add_argument("--video", type=Path)
+    parser.add_argument("--detector", type=Path)
+    parser.add_argument("--pose", type=Path)
+    arguments = parser.parse_args()
+    on_clip(arguments.models)
+    if arguments.pool:
+        on_pool(arguments.pool, arguments.models)
+    if arguments.video:
+        on_video(arguments.video, arguments.models, arguments.detector, arguments.pose)
+
+
+if __name__ == "__main__":
+    main()
