@@ -96,7 +96,6 @@ class _Candidate:
     xy: Float64Array  # last pose, (J, 2)
     centre: Float64Array  # of the box in which it was seen
     colours: Histogram | None
-    last_time_s: float
     rows: list[int] = field(default_factory=list)
     poses: list[FloatArray] = field(default_factory=list)
     confidences: list[FloatArray] = field(default_factory=list)
@@ -155,7 +154,7 @@ class Tracker:
             self._shot_starts.append(len(self._frame))
         self._frame.append(frame_index)
         self._time_s.append(time_s)
-        self._end([c for c in self._followed if self._is_over(c, time_s)])
+        self._end([c for c in self._followed if self._is_over(c)])
         for candidate in self._followed:
             candidate.motion.advance(step_s)
         detections = self._detections(boxes, poses, image)
@@ -246,8 +245,8 @@ class Tracker:
         xyxy, motion = detections.xyxy[free], candidate.motion
         away = motion.deviations(xyxy)
         size = np.array([motion.size])
-        unseen_s = self._time_s[-1] - candidate.last_time_s
-        fresh = np.exp(-unseen_s / _STALE_S)
+        unseen_s = self._unseen_s(candidate)
+        fresh = np.exp(-(self._time_s[-1] - self._time_s[candidate.rows[-1]]) / _STALE_S)
         cues = [
             (_MOTION, np.exp(-np.square(away) / 8)),
             (_BOX * fresh, box_overlaps(motion.xyxy[np.newaxis], xyxy)[0]),
@@ -291,14 +290,13 @@ class Tracker:
             xy=detections.xy[i],
             centre=(xyxy[:2] + xyxy[2:]) / 2,
             colours=detections.colours[i],
-            last_time_s=self._time_s[-1],
         )
         self._record(candidate, detections, i)
         return candidate
 
     def _see(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
         xyxy, colours = detections.xyxy[i], detections.colours[i]
-        if self._time_s[-1] - candidate.last_time_s > self.settings.patience_s:
+        if self._unseen_s(candidate) > self.settings.patience_s:
             candidate.motion = BoxMotion(xyxy)  # the way there tells nothing of the speed now
         else:
             candidate.motion.correct(xyxy)
@@ -306,7 +304,6 @@ class Tracker:
         expected = candidate.expected_xy()
         candidate.xy = np.where(np.isfinite(detections.xy[i]), detections.xy[i], expected)
         candidate.centre = candidate.motion.state[0].copy()
-        candidate.last_time_s = self._time_s[-1]
         if colours is not None and candidate.colours is None:
             candidate.colours = colours
         elif colours is not None and candidate.colours is not None and detections.alone[i]:
@@ -322,8 +319,16 @@ class Tracker:
     def _is_confirmed(self, candidate: _Candidate) -> bool:
         return len(candidate.rows) >= self.settings.birth_sights
 
-    def _is_over(self, candidate: _Candidate, time_s: float) -> bool:
-        unseen_s = time_s - candidate.last_time_s
+    def _unseen_s(self, candidate: _Candidate) -> float:
+        """Seconds since the first frame that lacks the person, until the present frame.
+
+        0 for who was seen in the frame before, however long ago that was: with few frames a
+        second nobody has been missed yet.
+        """
+        return self._time_s[-1] - self._time_s[candidate.rows[-1] + 1]
+
+    def _is_over(self, candidate: _Candidate) -> bool:
+        unseen_s = self._unseen_s(candidate)
         if not self._is_confirmed(candidate):
             return unseen_s > _TENTATIVE_PATIENCE_S
         if candidate.colours is None or self._at_border(candidate.boxes[-1]):
