@@ -4,6 +4,12 @@
 
 Writes limits_cmu17.npz, limits_paper15.npz and limits_body17.npz. The same source, settings and
 NumPy/SciPy versions give the same files. Never give it takes that are evaluated on.
+
+    python scripts/learn_limits.py SHARED/mocap/train --trade-off models/report \
+        --authors SHARED/limits
+
+learns nothing, but measures what the margin costs: limits_trade_off.csv, .md and .png. The
+published limits are drawn too where their files are given.
 """
 
 from __future__ import annotations
@@ -14,7 +20,11 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from dance2pose.evaluation import plots
+from dance2pose.evaluation.limits_check import JointLimits
+from dance2pose.evaluation.limits_trade_off import plot_trade_off, trade_off, trade_off_table
 from dance2pose.lifting import limits
+from dance2pose.lifting.limits_ab15 import read_authors_limits
 from dance2pose.lifting.limits_learning import (
     Margins,
     ObservationSettings,
@@ -23,6 +33,7 @@ from dance2pose.lifting.limits_learning import (
     widen,
 )
 from dance2pose.mocap.corpus import read_takes
+from dance2pose.progress import PlainLines
 
 SCRIPT_VERSION = "1"
 SKELETONS = ("cmu17", "paper15", "body17")
@@ -36,11 +47,21 @@ LICENCE = (
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("source", nargs="+", type=Path, help="folders of takes, or single takes")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+    wanted = parser.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("-o", "--output", type=Path, help="folder to write the limits to")
+    wanted.add_argument("--trade-off", type=Path, help="folder to write the trade-off to")
+    parser.add_argument("--authors", type=Path, help="folder of the published limits (.mat)")
     parser.add_argument("--skeleton", choices=SKELETONS, action="append")
     parser.add_argument("--occupancy-deg", type=float, default=Margins.occupancy_deg)
     parser.add_argument("--region-deg", type=float, default=Margins.region_deg)
     options = parser.parse_args()
+    if options.trade_off:
+        write_trade_off(options.source, options.trade_off, options.authors)
+    else:
+        learn(options)
+
+
+def learn(options: argparse.Namespace) -> None:
     margins = Margins(options.occupancy_deg, options.region_deg)
     for skeleton in options.skeleton or SKELETONS:
         takes = [take for source in options.source for take in read_takes(source, skeleton)]
@@ -57,6 +78,24 @@ def main() -> None:
         path = options.output / f"limits_{skeleton}.npz"
         limits.save(learned, path, overwrite=True)
         print(f"{path}: {len(learned.axes)} regions from {len(poses)} poses")
+
+
+def write_trade_off(sources: list[Path], folder: Path, authors: Path | None) -> None:
+    takes = [take for source in sources for take in read_takes(source)]
+    others: list[tuple[str, JointLimits]] = []
+    for file in ("jointAngleModel.mat", "jointAngleModel_v2.mat") if authors else ():
+        assert authors is not None
+        published = read_authors_limits(authors / file, authors / "staticPose.mat")
+        others.append((f"Akhter & Black, {file}", published))
+    points = trade_off(takes, others, seed=0, progress=PlainLines())
+    table = trade_off_table(points)
+    table.write_csv(folder, overwrite=True)
+    (folder / "limits_trade_off.md").write_text(
+        "# The margin of the joint-angle limits\n\n" + table.markdown() + "\n", encoding="utf-8"
+    )
+    if plots.available():
+        plot_trade_off(points, folder / "limits_trade_off.png")
+    print(table.markdown())
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 from dance2pose.errors import DataError, UsageError
 from dance2pose.poses import BoolArray, FloatArray, IntArray
@@ -173,7 +174,7 @@ def read_authors_limits(model: Path, static_pose: Path) -> AuthorsLimits:
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, npt.NDArray[Any]]:
     try:
         values: dict[str, npt.NDArray[Any]] = loadmat(path, variable_names=names)
-    except (OSError, ValueError, TypeError, NotImplementedError) as error:
+    except (OSError, ValueError, TypeError, NotImplementedError, MatReadError) as error:
         raise DataError(f"{path}: cannot be read as a MATLAB file: {error}") from error
     missing = [name for name in names if name not in values]
     if missing:
