@@ -331,6 +331,24 @@ def test_many_dancers_are_each_seen_once(fixed: bool, tmp_path: Path) -> None:
         np.testing.assert_array_equal(together.xy[n], alone.xy[0])
 
 
+def test_a_graph_that_only_pretends_to_take_batches(tmp_path: Path) -> None:
+    """Its batch is open, but it gives one pose whatever it is given."""
+    along = [np.ones((1, 17, 2 * side), np.float32) for side in CROP]
+    path = emitting(
+        tmp_path / "m.onnx",
+        {"simcc_x": along[0], "simcc_y": along[1]},
+        input_shape=["batch", 3, CROP[1], CROP[0]],
+    )
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
+    with pytest.raises(ModelError, match=r"gave 1 poses for 2 crops; .* max_batch = 1"):
+        model.estimate(IMAGE, BOXES)
+    (tmp_path / "m.toml").write_text("max_batch = 1\n")
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
+    assert np.isfinite(model.estimate(IMAGE, BOXES).xy).all()
+
+
 def test_no_box_no_pose(tmp_path: Path) -> None:
     path, _, _ = simcc_graph(tmp_path / "m.onnx", 26)
     model = load_pose_model(path)

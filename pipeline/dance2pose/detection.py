@@ -44,11 +44,7 @@ class WholePictureModel:
     def find_in_network(self, image: Image) -> tuple[Detections, Affine]:
         """People in the network's input, the surest first, and image_from_network (2, 3)."""
         manifest = self.description.manifest
-        tensor, image_from_network = self._input.whole(image)
-        if self._batch > 1:  # a graph of fixed batch: the other pictures stay empty
-            padded = self._input.empty(self._batch)
-            padded[:1] = tensor
-            tensor = padded
+        tensor, image_from_network = self._input.whole(image, batch=self._batch)
         values = self._session.run({self._image_name: tensor, **self._extra}, self._outputs)
         found = self._form.decode(dict(zip(self._roles, values, strict=True)), manifest)
         return strongest(found, manifest, has_nms=self._form.has_nms), image_from_network

@@ -20,45 +20,55 @@ Affine = npt.NDArray[np.float64]
 
 
 class ImageInput:
-    """Prepares pictures for one model. dtype: of the model's image input."""
+    """Prepares pictures for one model. dtype: of the model's image input.
+
+    The tensors it gives are one buffer, used again at the next call: fresh memory for every
+    frame costs as much as filling it.
+    """
 
     def __init__(self, manifest: Manifest, dtype: np.dtype[Any]) -> None:
         self.manifest = manifest
         self.dtype = dtype
         self._scale = 1 / np.asarray(manifest.std, np.float32)
         self._offset = -np.asarray(manifest.mean, np.float32) * self._scale
+        self._buffer = self._empty(1)
 
-    def empty(self, count: int) -> npt.NDArray[Any]:
-        """A tensor of `count` pictures, all zero."""
-        height, width = self.manifest.input_height, self.manifest.input_width
-        nchw = self.manifest.layout == "NCHW"
-        return np.zeros(
-            (count, 3, height, width) if nchw else (count, height, width, 3), self.dtype
-        )
-
-    def whole(self, image: Image) -> tuple[npt.NDArray[Any], Affine]:
-        """The whole picture as a tensor of one, and image_from_network (2, 3)."""
+    def whole(self, image: Image, *, batch: int = 1) -> tuple[npt.NDArray[Any], Affine]:
+        """The whole picture as the first of a tensor of `batch`, and image_from_network (2, 3)."""
         if self.manifest.resize == "stretch":
             picture, affine = _stretched(image, self.manifest)
         else:
             picture, affine = _letterboxed(image, self.manifest)
-        tensor = self.empty(1)
+        tensor = self._tensor(batch)
         self._fill(tensor[0], picture)
         return tensor, affine
 
     def crops(
-        self, image: Image, boxes_xyxy: FloatArray
+        self, image: Image, boxes_xyxy: FloatArray, *, batch: int | None = None
     ) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64]]:
-        """One crop a box: a tensor of N pictures and image_from_network (N, 2, 3)."""
+        """One crop a box: a tensor of N pictures and image_from_network (N, 2, 3).
+
+        batch: length of the tensor, at least N; what lies behind the crops means nothing.
+        """
         size = (self.manifest.input_width, self.manifest.input_height)
         affines = crop_affines(boxes_xyxy, size, self.manifest.box_scale)
-        tensor = self.empty(len(boxes_xyxy))
-        for slot, affine in zip(tensor, affines, strict=True):
+        tensor = self._tensor(batch or len(boxes_xyxy))
+        for slot, affine in zip(tensor, affines, strict=False):
             picture = cv2.warpAffine(
                 image, affine, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             )
             self._fill(slot, np.asarray(picture, np.uint8))
         return tensor, affines
+
+    def _tensor(self, count: int) -> npt.NDArray[Any]:
+        if len(self._buffer) < count:
+            self._buffer = self._empty(count)
+        return self._buffer[:count]
+
+    def _empty(self, count: int) -> npt.NDArray[Any]:
+        sides = (self.manifest.input_height, self.manifest.input_width)
+        shape = (3, *sides) if self.manifest.layout == "NCHW" else (*sides, 3)
+        return np.zeros((count, *shape), self.dtype)
 
     def _fill(self, slot: npt.NDArray[Any], picture: Image) -> None:
         """Write a BGR picture of the network's size into one slot of a tensor, normalised."""

@@ -57,7 +57,7 @@ class OnnxKeypoints:
         image = next(tensor for tensor in session.inputs if len(tensor.shape) == 4)
         self._image_name = image.name
         self._fixed_batch = image.shape[0]
-        self._batch = min(self._fixed_batch or LARGEST_BATCH, manifest.max_batch or LARGEST_BATCH)
+        self._batch = self._fixed_batch or min(LARGEST_BATCH, manifest.max_batch or LARGEST_BATCH)
         self._input = ImageInput(manifest, image.dtype)
         self._roles, self._outputs = zip(*description.roles.items(), strict=True)
 
@@ -68,30 +68,31 @@ class OnnxKeypoints:
         usable = np.flatnonzero(has_area(boxes))
         for start in range(0, len(usable), self._batch):
             rows = usable[start : start + self._batch]
-            tensor, affines = self._input.crops(image, boxes.xyxy[rows])
+            tensor, affines = self._input.crops(image, boxes.xyxy[rows], batch=self._fixed_batch)
             points, scores = self._run(tensor)
-            confidence[rows] = scores[:, :joints]
-            for row, network_xy, affine in zip(rows, points, affines, strict=True):
+            confidence[rows] = scores[: len(rows), :joints]
+            for row, network_xy, affine in zip(rows, points, affines, strict=False):
                 xy[row] = to_image(network_xy[:joints].astype(np.float64), affine)
         return _poses(xy, confidence, self.skeleton)
 
     def _run(self, tensor: Array) -> tuple[Array, Array]:
-        """Keypoints in the network's input and scores of a tensor of N crops."""
-        count = len(tensor)
-        if self._fixed_batch and count < self._fixed_batch:
-            padded = self._input.empty(self._fixed_batch)
-            padded[:count] = tensor
-            tensor = padded
-        values = self._session.run({self._image_name: tensor}, self._outputs)
+        """Keypoints in the network's input and scores of a tensor of crops."""
+        hint = "if it takes one picture at a time, state max_batch = 1 in its manifest"
+        try:
+            values = self._session.run({self._image_name: tensor}, self._outputs)
+        except ModelError as error:
+            if len(tensor) == 1:
+                raise
+            raise ModelError(f"{error}; {hint}") from error
         if len(values[0]) != len(tensor):
             raise ModelError(
                 f"{self.description.path}: gave {len(values[0])} poses for {len(tensor)} crops; "
-                f"state max_batch = 1 in its manifest"
+                f"{hint}"
             )
         points, scores = self._decode(
             dict(zip(self._roles, values, strict=True)), self.description.manifest
         )
-        return points[:count], scores[:count]
+        return points, scores
 
 
 class OnnxOneStage(WholePictureModel):

@@ -1,0 +1,49 @@
+"""rtmlib over a video; run by bench_pipeline.py with the Python of an environment of its own.
+
+One argument: a JSON object with the video, the models and their input sizes, and where to write
+the seconds taken and the keypoints of every frame.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import cv2
+from rtmlib import YOLOX, RTMPose
+
+
+def main() -> None:
+    job = json.loads(sys.argv[1])
+    wall, cpu = time.perf_counter(), time.process_time()
+    detector = YOLOX(
+        job["detector"],
+        model_input_size=tuple(job["detector_size"]),
+        det_mode="multiclass",
+        nms_thr=job["nms_threshold"],
+        score_thr=job["score_threshold"],
+    )
+    estimator = RTMPose(job["pose"], model_input_size=tuple(job["pose_size"]))
+    video = cv2.VideoCapture(job["video"])
+    poses = []
+    while True:
+        more, picture = video.read()
+        if not more:
+            break
+        boxes, classes = detector(picture)
+        people = boxes[classes == 0] if len(boxes) else boxes
+        # Without a box rtmlib would take the whole picture for one person.
+        keypoints = estimator(picture, people)[0] if len(people) else []
+        poses.append([person.tolist() for person in keypoints])
+    answer = {
+        "wall_s": time.perf_counter() - wall,
+        "cpu_s": time.process_time() - cpu,
+        "poses": poses,
+    }
+    Path(job["output"]).write_text(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()
