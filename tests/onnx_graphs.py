@@ -94,13 +94,24 @@ def emitting_per_crop(
     return save(path, nodes, [tensor(input_name, input_dtype, input_shape)], infos, constants)
 
 
-def heatmaps_of_colours(path: Path, *, width: int, height: int, batch: int | str = "batch") -> Path:
+def heatmaps_of_colours(
+    path: Path,
+    *,
+    width: int,
+    height: int,
+    batch: int | str = "batch",
+    fails_above_one: bool = False,
+) -> Path:
     """A pose model that really looks: keypoint k of 17 is the brightest place of channel k % 3.
 
-    The heatmap is the picture itself, every 4x4 pixels averaged; NCHW, float32.
+    The heatmap is the picture itself, every 4x4 pixels averaged; NCHW, float32. fails_above_one:
+    the batch is written into the graph as 1, as careless exports have it.
     """
     nodes = [
-        helper.make_node("AveragePool", ["input"], ["small"], kernel_shape=[4, 4], strides=[4, 4]),
+        helper.make_node("Reshape", ["input", "shape"], ["pictures"]),
+        helper.make_node(
+            "AveragePool", ["pictures"], ["small"], kernel_shape=[4, 4], strides=[4, 4]
+        ),
         helper.make_node("Gather", ["small", "channels"], ["heatmaps"], axis=1),
     ]
     channels = np.arange(17, dtype=np.int64) % 3
@@ -109,7 +120,10 @@ def heatmaps_of_colours(path: Path, *, width: int, height: int, batch: int | str
         nodes,
         [tensor("input", np.float32, [batch, 3, height, width])],
         [tensor("heatmaps", np.float32, [batch, 17, height // 4, width // 4])],
-        {"channels": channels},
+        {
+            "channels": channels,
+            "shape": np.array([1 if fails_above_one else -1, 3, height, width], np.int64),
+        },
     )
 
 

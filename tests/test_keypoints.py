@@ -331,6 +331,18 @@ def test_many_dancers_are_each_seen_once(fixed: bool, tmp_path: Path) -> None:
         np.testing.assert_array_equal(together.xy[n], alone.xy[0])
 
 
+def test_a_graph_that_fails_on_batches_says_what_to_state(tmp_path: Path) -> None:
+    path = heatmaps_of_colours(
+        tmp_path / "m.onnx", width=CROP[0], height=CROP[1], fails_above_one=True
+    )
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
+    one = Boxes(BOXES.xyxy[:1], BOXES.confidence[:1])
+    assert len(model.estimate(IMAGE, one)) == 1
+    with pytest.raises(ModelError, match=r"the model failed: .*; .* max_batch = 1"):
+        model.estimate(IMAGE, BOXES)
+
+
 def test_a_graph_that_only_pretends_to_take_batches(tmp_path: Path) -> None:
     """Its batch is open, but it gives one pose whatever it is given."""
     along = [np.ones((1, 17, 2 * side), np.float32) for side in CROP]
