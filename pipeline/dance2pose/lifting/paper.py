@@ -20,8 +20,13 @@ from dance2pose.poses import FloatArray
 FEWEST_JOINTS = 4
 
 
-def lift_frames(observed: Observed, *, settings: PursuitSettings | None = None) -> Lifted:
-    """Poses of all frames with at least FEWEST_JOINTS joints seen; the others stay NaN."""
+def lift_frames(
+    observed: Observed, *, settings: PursuitSettings | None = None, limited: bool = True
+) -> Lifted:
+    """Poses of all frames with at least FEWEST_JOINTS joints seen; the others stay NaN.
+
+    limited: pass over atoms after which a joint would bend as no joint can; False is an ablation.
+    """
     if observed.camera != "weak-perspective":
         raise UsageError(
             f"the paper's lifter knows no {observed.camera} camera; use the default lifter for it"
@@ -40,7 +45,7 @@ def lift_frames(observed: Observed, *, settings: PursuitSettings | None = None) 
             points,
             planar,
             settings=settings,
-            limits=limits.load(observed.skeleton),
+            limits=limits.load(observed.skeleton) if limited else None,
         )
         xyz[known] = found.xyz
         projected[known] = found.camera.project(found.body)[..., :2]
