@@ -110,6 +110,10 @@ def _lifter(name: str) -> Lifter:
         from dance2pose.lifting.paper import lift_frames
 
         return lift_frames
+    if name == "default":
+        from dance2pose.lifting import sequence
+
+        return sequence.lift_frames
     raise UsageError(f"unknown lifter {name!r}; known: {', '.join(LIFTERS)}")
 
 

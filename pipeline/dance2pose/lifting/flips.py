@@ -1,0 +1,117 @@
+"""Which end of each bone is nearer, settled by the whole track.
+
+A bone of known length seen under an orthographic camera leaves two poses: one end nearer, or the
+other, by d = sqrt(length^2 - projection^2). It can only change from one to the other where d is
+about zero. So each bone is a chain of two states whose evidence, the network's depths, adds up
+over all frames between two such moments (forward-backward algorithm).
+
+T frames, J joints, mm; x right, y up, z towards the viewer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dance2pose.poses import FloatArray
+from dance2pose.skeleton import Skeleton
+
+# A bone's end moves towards or away from the viewer by up to about this, mm/s.
+_SPEED = 1000.0
+# The network's depths err alike for about this long: so much evidence counts once.
+_INDEPENDENT_S = 0.12
+
+
+def settle_depths(
+    xyz: FloatArray,
+    sigma_z: FloatArray,
+    sigma_xy: FloatArray,
+    time_s: FloatArray,
+    skeleton: Skeleton,
+    lengths: FloatArray,
+    *,
+    spread: float = 0.015,
+) -> tuple[FloatArray, FloatArray]:
+    """Depths (T, J) that agree with the bones' lengths, and their variance (T, J) mm^2.
+
+    xyz: (T, J, 3) with the network's depths. sigma_z, sigma_xy: (T, J) of depth and of either
+    coordinate of the picture. lengths: (J - 1,); spread: how well they are known, as a part.
+    """
+    parents, children = np.array(skeleton.bones).T
+    bone = xyz[:, children] - xyz[:, parents]
+    said = bone[..., 2]
+    said_variance = sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2
+    across2 = np.square(bone[..., :2]).sum(axis=-1)
+    across_variance = sigma_xy[:, children] ** 2 + sigma_xy[:, parents] ** 2
+    # d^2 and the standard deviation of its error, from the errors of length and projection.
+    square = lengths**2 - across2
+    square_sigma = 2 * np.sqrt((spread * lengths**2) ** 2 + across2 * across_variance + 1.0)
+    apart = np.sqrt(np.maximum(square, 0.0))
+    nearer = _probability_nearer(said, said_variance, apart, square_sigma, time_s)
+    sign = 2 * nearer - 1
+    # Where d is small its error is large: d^2 = square +- square_sigma bounds it.
+    apart_variance = np.minimum(square_sigma**2 / (4 * np.maximum(apart, 1.0) ** 2), square_sigma)
+    settled_variance = apart_variance + (1 - sign**2) * apart**2
+    trust = said_variance / (said_variance + settled_variance)
+    step = said + trust * (sign * apart - said)
+    variance = said_variance * settled_variance / (said_variance + settled_variance)
+    return _depths(xyz[..., 2], sigma_z**2, step, variance, skeleton)
+
+
+def _probability_nearer(
+    said: FloatArray,
+    said_variance: FloatArray,
+    apart: FloatArray,
+    square_sigma: FloatArray,
+    time_s: FloatArray,
+) -> FloatArray:
+    """Probability (T, B) that the bone's far end is nearer to the viewer than its near one."""
+    frames = len(said)
+    steps = np.gradient(time_s) if frames > 1 else np.array([_INDEPENDENT_S])
+    share = np.minimum(steps / _INDEPENDENT_S, 1.0)[:, None]
+    scale = np.sqrt(said_variance / 2)  # of a Laplace distribution
+    evidence = share * (np.abs(said + apart) - np.abs(said - apart)) / scale
+    # The way from one state to the other leads through zero; d itself is uncertain there.
+    way = (apart[1:] + apart[:-1]) ** 2
+    reach = (_SPEED * np.diff(time_s)[:, None]) ** 2 + square_sigma[1:] + square_sigma[:-1]
+    flip = 0.5 * np.exp(-way / (2 * reach))
+    forward, backward = np.zeros_like(said), np.zeros_like(said)
+    for t in range(1, frames):
+        forward[t] = _carried(forward[t - 1] + evidence[t - 1], flip[t - 1])
+    for t in range(frames - 2, -1, -1):
+        backward[t] = _carried(backward[t + 1] + evidence[t + 1], flip[t])
+    total = np.clip(forward + evidence + backward, -50, 50)
+    return np.asarray(1 / (1 + np.exp(-total)))
+
+
+def _carried(odds: FloatArray, flip: FloatArray) -> FloatArray:
+    """Log odds of a state after a step in which it changes with probability `flip`."""
+    tilt = (1 - 2 * flip) * np.tanh(np.clip(odds, -50, 50) / 2)
+    return np.asarray(2 * np.arctanh(np.clip(tilt, -1 + 1e-12, 1 - 1e-12)))
+
+
+def _depths(
+    said: FloatArray,
+    said_variance: FloatArray,
+    step: FloatArray,
+    step_variance: FloatArray,
+    skeleton: Skeleton,
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares: joints (T, J) near where they were said to be, bones (T, J - 1) as settled."""
+    frames, joints = said.shape
+    # The sum of all joints' errors is common to them (the root's own error): weak, not nothing.
+    weight = 0.25 / said_variance
+    normal = np.zeros((frames, joints, joints))
+    diagonal = np.arange(joints)
+    normal[:, diagonal, diagonal] = weight
+    right = weight * said
+    for b, (p, c) in enumerate(skeleton.bones):
+        w = 1 / step_variance[:, b]
+        normal[:, p, p] += w
+        normal[:, c, c] += w
+        normal[:, p, c] -= w
+        normal[:, c, p] -= w
+        right[:, c] += w * step[:, b]
+        right[:, p] -= w * step[:, b]
+    inverse = np.linalg.inv(normal)
+    depths = (inverse @ right[..., None])[..., 0]
+    return depths, np.ascontiguousarray(inverse[:, diagonal, diagonal])

@@ -1,0 +1,89 @@
+"""A real camera with a known field of view: which way it sees a dancer, and how far away.
+
+Image points are pixels with y up, as in `lifted`; camera axes here are x right, y up, z towards
+the viewer, so that everything seen has negative z. The principal point is the picture's centre and
+pixels are square.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dance2pose.errors import UsageError
+from dance2pose.poses import FloatArray
+
+# Of a camcorder or phone held at a distance; used where the user gives none.
+ASSUMED_FOV_DEG = 55.0
+
+
+@dataclass(frozen=True)
+class PerspectiveCamera:
+    """focal_px: focal length. centre: (2,) principal point in px, y up."""
+
+    focal_px: float
+    centre: FloatArray
+
+    def rays(self, xy: FloatArray) -> FloatArray:
+        """Directions (..., 3) of image points (..., 2), with z = -1."""
+        flat = (xy - self.centre) / self.focal_px
+        return np.concatenate([flat, np.full((*xy.shape[:-1], 1), -1.0)], axis=-1)
+
+    def project(self, xyz: FloatArray) -> FloatArray:
+        """Image points (..., 2) of positions (..., 3) in front of the camera."""
+        depth = np.minimum(xyz[..., 2:], -1e-9)
+        return np.asarray(self.centre - self.focal_px * xyz[..., :2] / depth)
+
+
+def camera_of(image_size: tuple[int, int], fov_deg: float | None) -> PerspectiveCamera:
+    """The camera of a picture (width, height) px with that horizontal field of view."""
+    fov = ASSUMED_FOV_DEG if fov_deg is None else fov_deg
+    if not (math.isfinite(fov) and 1 <= fov <= 170):
+        raise UsageError(f"field of view of {fov} degrees; expected 1 to 170")
+    width, height = image_size
+    focal = width / 2 / math.tan(math.radians(fov) / 2)
+    return PerspectiveCamera(focal, np.array([(width - 1) / 2, -(height - 1) / 2]))
+
+
+def towards(direction: FloatArray) -> FloatArray:
+    """Rotations (T, 3, 3) that turn directions (T, 3) to straight ahead (0, 0, -1), no roll."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    pan = np.arctan2(x, -z)
+    tilt = np.arctan2(y, np.hypot(x, z))
+    turn = Rotation.from_euler("x", -tilt[:, None]) * Rotation.from_euler("y", pan[:, None])
+    return np.asarray(turn.as_matrix())
+
+
+def seen_straight(camera: PerspectiveCamera, xy: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Image points (T, J, 2), relative to the centre, of a camera turned by rotations (T, 3, 3)."""
+    turned = camera.rays(xy) @ rotation.transpose(0, 2, 1)
+    with np.errstate(invalid="ignore"):
+        ahead = np.minimum(turned[..., 2:], -1e-6)
+    return np.asarray(-camera.focal_px * turned[..., :2] / ahead)
+
+
+def place(
+    camera: PerspectiveCamera, xyz: FloatArray, xy: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Where (T, 3) poses must stand to be seen as they were.
+
+    xyz: (T, J, 3) poses in camera axes. xy: (T, J, 2) px. weights: (T, J), 0 where not seen.
+    Linear least squares: a joint at p + t is seen along (u, v, -1) where p + t + (p + t)_z (u, v)
+    vanishes across the view. NaN where fewer than two joints were seen.
+    """
+    flat = np.nan_to_num(camera.rays(xy)[..., :2])
+    w = np.where(np.isfinite(xy).all(axis=-1), weights, 0.0)[..., None]
+    frames, joints = xy.shape[:2]
+    system = np.zeros((frames, joints, 2, 3))
+    system[..., 0, 0] = system[..., 1, 1] = 1.0
+    system[..., 2] = flat
+    right = -(xyz[..., :2] + flat * xyz[..., 2:])
+    weighted = (system * w[..., None]).reshape(frames, -1, 3)
+    normal = weighted.transpose(0, 2, 1) @ system.reshape(frames, -1, 3)
+    known = (w[..., 0] > 0).sum(axis=1) >= 2
+    normal[~known] = np.eye(3)
+    at = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ right.reshape(frames, -1, 1))
+    return np.asarray(np.where(known[:, None], at[..., 0], np.nan))

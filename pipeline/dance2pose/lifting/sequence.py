@@ -1,0 +1,273 @@
+"""The default lifter: depth from a small temporal network, then one body for the whole track.
+
+The network (`depth`) says for every frame where the joints are and how sure it is. The track then
+decides what a single frame cannot: the dancer's bone lengths (`bones`), how noisy the keypoints
+are, how fast joints move (`smoothness`). Limits of the joints (`limits`) hold of every pose.
+
+T frames, J joints; x right, y up, z towards the viewer; mm on the one body of `mocap.corpus`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from dance2pose import skeleton as skeletons
+from dance2pose.lifting import depth, limits
+from dance2pose.lifting.bones import track_bone_lengths, with_bone_lengths
+from dance2pose.lifting.depth import Depth
+from dance2pose.lifting.flips import settle_depths
+from dance2pose.lifting.lifted import Lifted, Observed
+from dance2pose.lifting.network import longest_projections
+from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights
+from dance2pose.lifting.perspective import camera_of, place, seen_straight, towards
+from dance2pose.lifting.smoothness import frame_noise, smooth_path
+from dance2pose.lifting.trajectory import follow_floor
+from dance2pose.mocap.corpus import body_bones_mm, retarget
+from dance2pose.poses import FloatArray
+from dance2pose.skeleton import Skeleton
+
+IntArray = npt.NDArray[np.int64]
+
+# A dancer who is out of sight for longer than this is not guessed at.
+LONGEST_GAP_S = 0.5
+# The network's errors of depth, by how much of them changes from one frame to the next and how
+# much stays: only the first can be smoothed away.
+_FLICKER = 0.25
+_LEAST_NOISE_MM = 1.0
+_SIZE_ERROR = 0.025
+# How far a bone of the wrong length is stretched rather than turned: as a part of the error of its
+# depth. Turning alone makes bones that lie about across the view flicker.
+_RADIAL = 0.5
+# The network's error across the view, as a part of that of the position.
+_ACROSS = 0.9
+# Size of the figure in the picture: its changes over this many seconds are the dancer's way
+# towards the camera, quicker ones are errors.
+_SIZE_S = 1.5
+
+
+@dataclass(frozen=True)
+class SequenceSettings:
+    """What is done to the network's answer; each can be switched off to see what it brings.
+
+    flips: which end of a bone is nearer, settled by the whole track. smooth: paths without
+    jitter. bones: constant bone lengths. limits: joint-angle limits.
+    """
+
+    flips: bool = True
+    smooth: bool = True
+    bones: bool = True
+    limits: bool = True
+
+
+def lift_frames(observed: Observed, *, settings: SequenceSettings | None = None) -> Lifted:
+    """Poses of all frames but those in gaps of more than LONGEST_GAP_S, which stay NaN."""
+    # paper15 is cmu17 without toes and in another order.
+    skeleton = "cmu17" if observed.skeleton == "paper15" else observed.skeleton
+    weights = keypoint_weights(observed.xy, observed.confidence)
+    xy = np.where(weights[..., None] > 0, observed.xy, np.nan)
+    xy, weights = skeletons.convert(xy, weights, source=observed.skeleton, target=skeleton)
+    same = replace(observed, xy=xy, confidence=weights, skeleton=skeleton)
+    find = _lift_in_perspective if observed.camera == "perspective" else _lift
+    lifted = find(same, settings or SequenceSettings())
+    return lifted if skeleton == observed.skeleton else _converted(lifted, observed.skeleton)
+
+
+def _converted(lifted: Lifted, target: str) -> Lifted:
+    assert lifted.sigma is not None
+    together = np.concatenate([lifted.xyz, lifted.projected, lifted.sigma[..., None]], axis=-1)
+    confidence = np.ones(together.shape[:2])
+    moved = skeletons.convert(together, confidence, source="cmu17", target=target)[0]
+    return Lifted(moved[..., :3], moved[..., 3:5], moved[..., 5], lifted.root)
+
+
+def _lift(observed: Observed, settings: SequenceSettings) -> Lifted:
+    frames, joints = observed.confidence.shape
+    xyz = np.full((frames, joints, 3), np.nan)
+    projected, sigma = np.full((frames, joints, 2), np.nan), np.full((frames, joints), np.nan)
+    stretches = _stretches(observed)
+    if stretches:
+        rows = np.concatenate(stretches)
+        answer = _answers(observed, stretches)
+        found, size = _one_body(answer, observed, stretches, settings)
+        found -= found[:, :1]
+        if settings.limits:
+            found = limits.load(observed.skeleton).project_to_valid(found)
+        xyz[rows], sigma[rows] = found, answer.sigma * depth.sigma_factors()
+        projected[rows] = _drawn(found, size, observed.xy[rows])
+    return Lifted(xyz, projected, sigma)
+
+
+def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lifted:
+    """Poses as a camera pointed at the dancer would see them, turned back, and the path."""
+    camera = camera_of(observed.image_size, observed.fov_deg)
+    direction = camera.rays(_middle(observed))
+    known = np.isfinite(direction).all(axis=1)
+    if not known.any():
+        return _lift(observed, settings)
+    times = np.arange(len(observed)) * 1.0 if observed.independent else observed.time_s
+    direction = np.stack(
+        [np.interp(times, times[known], direction[known, axis]) for axis in range(3)], axis=1
+    )
+    if not observed.independent:
+        direction = smooth_path(direction, np.array(0.02), times, acceleration=1.0)
+    turn = towards(direction)
+    straight = replace(observed, xy=seen_straight(camera, observed.xy, turn))
+    lifted = _lift(straight, settings)
+    xyz = lifted.xyz @ turn  # back from the turned camera
+    root = place(camera, xyz, observed.xy, np.clip(observed.confidence, 0.0, 1.0))
+    root[~np.isfinite(xyz).all(axis=(1, 2))] = np.nan
+    if not observed.independent:
+        for rows in _stretches(observed):
+            if np.isfinite(root[rows]).any():
+                tree = skeletons.get(observed.skeleton)
+                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree).root
+    return Lifted(xyz, camera.project(xyz + root[:, None]), lifted.sigma, root)
+
+
+def _middle(observed: Observed) -> FloatArray:
+    """The middle (T, 2) of the joints seen, NaN where none is."""
+    seen = np.isfinite(observed.xy).all(axis=-1, keepdims=True)
+    total = np.where(seen, observed.xy, 0.0).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / seen.sum(axis=1))
+
+
+def _stretches(observed: Observed) -> list[IntArray]:
+    """Rows between the first and last sight of the dancer, cut where the dancer is long away."""
+    enough = np.isfinite(observed.xy).all(axis=-1).sum(axis=1) >= FEWEST_JOINTS
+    seen = np.flatnonzero(enough)
+    if not len(seen):
+        return []
+    if observed.independent:
+        return [seen]
+    cuts = np.flatnonzero(np.diff(observed.time_s[seen]) > LONGEST_GAP_S)
+    starts, stops = seen[np.r_[0, cuts + 1]], seen[np.r_[cuts, len(seen) - 1]]
+    return [np.arange(a, b + 1) for a, b in zip(starts, stops, strict=True)]
+
+
+def _answers(observed: Observed, stretches: list[IntArray]) -> Depth:
+    xy, confidence, body17 = observed.xy, observed.confidence, observed.skeleton == "body17"
+    if observed.independent:
+        rows = stretches[0]
+        return depth.predict(xy[rows], confidence[rows], 1.0, body17=body17, independent=True)
+    longest = longest_projections(xy[None])[0]
+    return depth.joined(
+        [
+            depth.predict_at(
+                xy[rows], confidence[rows], observed.time_s[rows], body17=body17, longest=longest
+            )
+            for rows in stretches
+        ]
+    )
+
+
+def _one_body(
+    answer: Depth, observed: Observed, stretches: list[IntArray], settings: SequenceSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Poses (N, J, 3) of one dancer in the rows of all stretches, and px a mm in each (N,)."""
+    rows = np.concatenate(stretches)
+    parts = np.split(np.arange(len(rows)), np.cumsum([len(s) for s in stretches])[:-1])
+    tree, body = skeletons.get(observed.skeleton), body_bones_mm(observed.skeleton)
+    times: FloatArray = observed.time_s[rows]
+    size: FloatArray
+    if observed.independent:  # so far apart that nothing flows
+        times = 1e3 * np.arange(len(rows))
+        size = _sizes(answer.xyz, tree, body)
+    else:
+        size = _growth(answer, parts, times, tree, body)
+    xyz = answer.xyz / size[:, None, None]
+    picture = (observed.xy[rows] - answer.centre[:, None]) / (answer.scale * size)[:, None, None]
+    sigma = np.stack([answer.sigma * _ACROSS, answer.sigma * _ACROSS, answer.sigma_z], axis=-1)
+    spot = _spot_noise(picture, observed.confidence[rows], observed.independent)
+    xyz, sigma = _seen_and_said(xyz, sigma, picture, spot)
+    smooth = settings.smooth and not observed.independent
+    if smooth:
+        for part in parts:
+            xyz[part, :, :2] = smooth_path(xyz[part, :, :2], sigma[part, :, :2], times[part])
+    lengths, spread = body, 0.06
+    if not observed.independent:
+        seen = np.isfinite(picture)
+        lengths = track_bone_lengths(np.where(seen, xyz[..., :2], np.nan), xyz, tree, body)
+        spread = 0.015
+        unit = lengths.sum() / body.sum()
+        xyz, sigma, lengths, size = xyz / unit, sigma / unit, lengths / unit, size * unit
+    if settings.flips:
+        for part in parts:
+            xyz[part, :, 2], variance = settle_depths(
+                xyz[part],
+                sigma[part, :, 2],
+                sigma[part, :, 0],
+                times[part],
+                tree,
+                lengths,
+                spread=spread,
+            )
+            sigma[part, :, 2] = np.sqrt(variance)
+    if smooth:
+        for part in parts:
+            flicker = _FLICKER * sigma[part, :, 2:]
+            xyz[part, :, 2:] = smooth_path(xyz[part, :, 2:], flicker, times[part])
+    if settings.bones:
+        give = sigma**2 + 1.0
+        give[..., :2] += (_RADIAL * sigma[..., 2:]) ** 2
+        xyz = with_bone_lengths(xyz, give, tree, lengths, spread=spread)
+        if not observed.independent:
+            xyz = retarget(xyz, tree, lengths)
+    return xyz, answer.scale * size
+
+
+def _growth(
+    answer: Depth, parts: list[IntArray], times: FloatArray, tree: Skeleton, body: FloatArray
+) -> FloatArray:
+    """How the figure grows as the dancer comes nearer (N,), about 1 on average.
+
+    The network's own sizes waver by _SIZE_ERROR; what they vary more than that is the dancer's way.
+    """
+    grown = np.log(_sizes(answer.xyz * answer.scale[:, None, None], tree, body))
+    for part in parts:
+        grown[part] = smooth_path(
+            grown[part], np.array(1.0), times[part], acceleration=1 / _SIZE_S**2
+        )
+    grown -= np.median(grown)
+    real = max(0.0, 1.0 - _SIZE_ERROR**2 / max(float(np.mean(grown**2)), 1e-12))
+    return np.asarray(np.exp(real * grown))
+
+
+def _spot_noise(picture: FloatArray, confidence: FloatArray, independent: bool) -> FloatArray:
+    """Standard deviation (N, J) of where joints were seen, mm, from their jitter over the track."""
+    noise: FloatArray = np.full(picture.shape[1], np.nan)
+    if not independent:
+        noise = frame_noise(picture)
+    noise = np.maximum(np.nan_to_num(noise), _LEAST_NOISE_MM)
+    return np.asarray(noise / np.clip(confidence, 0.1, 1.0))
+
+
+def _seen_and_said(
+    xyz: FloatArray, sigma: FloatArray, picture: FloatArray, spot: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The network's places drawn to where the joints were seen, by how sure either is."""
+    seen = np.asarray(np.isfinite(picture).all(axis=-1))
+    across = sigma[..., 0] ** 2
+    trust = np.where(seen, across / (across + spot**2), 0.0)[..., None]
+    xyz, sigma = xyz.copy(), sigma.copy()
+    xyz[..., :2] += trust * (np.where(seen[..., None], picture, 0.0) - xyz[..., :2])
+    sigma[..., :2] *= np.sqrt(1 - trust)
+    return xyz, sigma
+
+
+def _sizes(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
+    """How large (N,) the bodies of poses are, compared with the one body."""
+    parents, children = np.array(tree.bones).T
+    lengths = np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1)
+    return np.asarray(lengths.sum(axis=1) / body.sum())
+
+
+def _drawn(xyz: FloatArray, scale: FloatArray, xy: FloatArray) -> FloatArray:
+    """The poses in the picture (N, J, 2), moved to where the keypoints xy (N, J, 2) were seen."""
+    drawn = scale[:, None, None] * xyz[..., :2]
+    seen = np.isfinite(xy).all(axis=-1, keepdims=True)
+    off = np.where(seen, xy - drawn, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    return np.asarray(drawn + off[:, None])

@@ -1,0 +1,71 @@
+"""Paths through uncertain positions that move as bodies do: no lag, any frame times.
+
+The most likely path where positions are known up to a Gaussian error and accelerations are
+Gaussian about zero: the smoother of Whittaker (1923), as a Kalman smoother would find it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solveh_banded
+
+from dance2pose.poses import FloatArray
+
+# mm / s^2, root mean square in dance; slow enough to average noise, quick enough for a turn.
+_ACCELERATION = 7000.0
+
+
+def smooth_path(
+    values: FloatArray,
+    sigma: FloatArray,
+    time_s: FloatArray,
+    *,
+    acceleration: float | None = None,
+) -> FloatArray:
+    """Smoothed values (T, ...). sigma: of the same shape, the standard deviation of the error that
+    changes from frame to frame; acceleration: of the motion, in units of the values per s^2."""
+    frames = len(values)
+    if frames < 3:
+        return values
+    acceleration = acceleration or _ACCELERATION
+    flat = values.reshape(frames, -1)
+    weight = 1.0 / np.square(np.broadcast_to(sigma, values.shape).reshape(frames, -1))
+    bands = second_difference_bands(time_s) / acceleration**2
+    out = np.empty_like(flat)
+    for column in range(flat.shape[1]):
+        system = bands.copy()
+        system[2] += weight[:, column]
+        out[:, column] = solveh_banded(system, weight[:, column] * flat[:, column])
+    return out.reshape(values.shape)
+
+
+def second_difference_bands(time_s: FloatArray) -> npt.NDArray[np.float64]:
+    """Upper bands (3, T) of D' D, where D x is the acceleration of x at the inner frames."""
+    before, after = np.diff(time_s)[:-1], np.diff(time_s)[1:]
+    left = 2.0 / (before * (before + after))
+    right = 2.0 / (after * (before + after))
+    rows = np.stack([left, -(left + right), right])  # on frames i - 1, i, i + 1
+    bands = np.zeros((3, len(time_s)))
+    for offset in range(3):  # of the second factor's frame after the first's
+        for first in range(3 - offset):
+            product = rows[first] * rows[first + offset]
+            place = slice(first + offset, first + offset + len(product))
+            bands[2 - offset, place] += product
+    return bands
+
+
+def frame_noise(values: FloatArray) -> FloatArray:
+    """Standard deviation (J,) of what changes at random from frame to frame of (T, J, D).
+
+    From third differences, in which motion all but vanishes; robust (median), NaN where fewer than
+    eight can be formed. Differences across missing values do not count.
+    """
+    third = values[3:] - 3 * values[2:-1] + 3 * values[1:-2] - values[:-3]
+    size = np.abs(third).transpose(1, 0, 2).reshape(values.shape[1], -1)
+    known = np.isfinite(size)
+    out = np.full(len(size), np.nan)
+    for j in np.flatnonzero(known.sum(axis=1) >= 8):
+        # 0.6745: the median of |normal|; 20 = 1 + 9 + 9 + 1.
+        out[j] = np.median(size[j, known[j]]) / 0.6745 / np.sqrt(20.0)
+    return out

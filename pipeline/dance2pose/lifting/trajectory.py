@@ -1,0 +1,136 @@
+"""The dancer's path through the room: feet that stand do not slide, and stand on the floor.
+
+T frames; axes x right, y up, z towards the viewer; mm. A foot is its ankle and, where the skeleton
+has one, its toe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from dance2pose.lifting.smoothness import second_difference_bands
+from dance2pose.poses import BoolArray, FloatArray
+from dance2pose.skeleton import Skeleton
+
+# A foot stands where it moves no faster than this, while the other foot or the body may, and is
+# not this much higher than the lowest it has been nearby.
+_STANDING_MM_S = 350.0
+_LIFTED_MM = 70.0
+_SHORTEST_S = 0.1
+# Errors of the path found frame by frame, across the view and along it; the size of a figure
+# tells its distance far worse than its place.
+_ACROSS_MM, _ALONG_MM = 15.0, 120.0
+_SLIDE_MM = 1.0  # that a standing foot may move from frame to frame
+_ACCELERATION = 4000.0  # mm / s^2, of the pelvis
+
+
+@dataclass(frozen=True)
+class Path:
+    """root: (T, 3) mm, y = 0 on the floor. contact: (T, 2) left and right foot stands."""
+
+    root: FloatArray
+    contact: BoolArray
+
+
+def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
+    """The joint of the left and of the right foot that touches the floor: the ankle.
+
+    The toe turns about it while the dancer stands on the whole foot or on its ball alike.
+    """
+    return skeleton.index("left_ankle"), skeleton.index("right_ankle")
+
+
+def follow_floor(xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton) -> Path:
+    """The path (T, 3) near `root` along which standing feet neither slide nor leave the floor.
+
+    xyz: (T, J, 3) poses with the first joint at the origin. root: (T, 3) found frame by frame, NaN
+    where it could not be. One linear least-squares problem for each axis: near the path that was
+    seen, smooth, and with the feet that stand in one place.
+    """
+    path = _filled(root)
+    path = _solve(path, np.zeros((len(path), 2), bool), xyz, time_s, skeleton)
+    contact = contacts(xyz, path, time_s, skeleton)
+    for _ in range(2):
+        path = _solve(_filled(root), contact, xyz, time_s, skeleton)
+        contact = contacts(xyz, path, time_s, skeleton)
+    path = path - [0.0, floor_level(xyz, path, contact, skeleton), 0.0]
+    return Path(path, contact)
+
+
+def contacts(
+    xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton
+) -> BoolArray:
+    """Which feet (T, 2) stand: slow, low and for at least a tenth of a second."""
+    out: BoolArray = np.zeros((len(xyz), 2), dtype=bool)
+    if len(xyz) < 3:
+        return out
+    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
+    speed = np.linalg.norm(np.gradient(feet, time_s, axis=0), axis=-1)
+    lowest = np.minimum(feet[:, 0, 1], feet[:, 1, 1])
+    out[:] = (speed < _STANDING_MM_S) & (feet[..., 1] < lowest[:, None] + _LIFTED_MM)
+    for foot in range(2):
+        _drop_short(out[:, foot], time_s)
+    return out
+
+
+def _drop_short(flags: BoolArray, time_s: FloatArray) -> None:
+    edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if time_s[stop - 1] - time_s[start] < _SHORTEST_S:
+            flags[start:stop] = False
+
+
+def foot_slide(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
+    """How far standing feet move from frame to frame, mean in mm; NaN where none stands."""
+    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
+    moved = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
+    both = contact[1:] & contact[:-1]
+    return float(moved[both].mean()) if both.any() else float("nan")
+
+
+def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
+    """Height of the floor: below the ankles that stand, as far as ankles are above soles."""
+    feet = (xyz[:, foot_joints(skeleton)] + root[:, None])[..., 1]
+    height = np.median(feet[contact]) if contact.any() else np.nanquantile(feet, 0.05)
+    return float(height) - ANKLE_ABOVE_FLOOR_MM
+
+
+# Of the one body (0.039 of its height, Drillis and Contini).
+ANKLE_ABOVE_FLOOR_MM = 65.0
+
+
+def _filled(root: FloatArray) -> FloatArray:
+    known = np.isfinite(root).all(axis=1)
+    rows = np.arange(len(root))
+    return np.stack([np.interp(rows, rows[known], root[known, a]) for a in range(3)], axis=1)
+
+
+def _solve(
+    seen: FloatArray,
+    contact: BoolArray,
+    xyz: FloatArray,
+    time_s: FloatArray,
+    skeleton: Skeleton,
+) -> FloatArray:
+    frames = len(seen)
+    if frames < 3:
+        return seen
+    smooth = second_difference_bands(time_s) / _ACCELERATION**2
+    both = contact[1:] & contact[:-1]
+    out = np.empty_like(seen)
+    for axis, sigma in enumerate((_ACROSS_MM, _ACROSS_MM, _ALONG_MM)):
+        bands, right = smooth.copy(), seen[:, axis] / sigma**2
+        bands[2] += 1 / sigma**2
+        for foot, joint in enumerate(foot_joints(skeleton)):
+            weight = both[:, foot] / _SLIDE_MM**2
+            step = -np.diff(xyz[:, joint, axis])  # of the root, that keeps the foot in place
+            bands[2, 1:] += weight
+            bands[2, :-1] += weight
+            bands[1, 1:] -= weight
+            right[1:] += weight * step
+            right[:-1] -= weight * step
+        out[:, axis] = solveh_banded(bands, right)
+    return out
