@@ -35,6 +35,10 @@ def refusal(path: Path) -> str:
 def test_missing_file_and_folder_and_empty_file(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "missing.onnx")
     assert "is a folder" in refusal(tmp_path)
+    assert "cannot be read" in refusal(tmp_path / ("long" * 100 + ".onnx"))
+    assert "cannot be read" in refusal(tmp_path / "nul\0.onnx")
+    with pytest.raises(ModelError, match="is a folder"):
+        inspect_model(Path())
     (tmp_path / "empty.onnx").touch()
     assert "is empty" in refusal(tmp_path / "empty.onnx")
 

@@ -107,7 +107,7 @@ def open_session(path: Path, *, threads: int | None = None) -> Session:
     """
     import onnxruntime
 
-    _check_file(path)
+    check_model_file(path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads or default_threads()
     options.inter_op_num_threads = 1
@@ -122,17 +122,19 @@ def open_session(path: Path, *, threads: int | None = None) -> Session:
     return Session(path, native)
 
 
-def _check_file(path: Path) -> None:
-    if path.is_dir():
-        raise ModelError(f"{path}: is a folder, expected an ONNX model file")
-    if not path.is_file():
-        raise ModelError(f"{path}: no such file, expected an ONNX model")
+def check_model_file(path: Path) -> None:
+    """Raise ModelError unless `path` is a file that can be read and holds something."""
     try:
+        if path.is_dir():
+            raise ModelError(f"{path}: is a folder, expected an ONNX model file")
         size = path.stat().st_size
         with path.open("rb"):
             pass
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such file, expected an ONNX model") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL in it
+        reason = getattr(error, "strerror", None) or error
+        raise ModelError(f"{path}: cannot be read: {reason}") from error
     if size == 0:
         raise ModelError(f"{path}: is empty (0 bytes), expected an ONNX model")
 

@@ -12,7 +12,7 @@ from dance2pose import skeleton as skeletons
 from dance2pose.detector_forms import DETECTOR_FORMS
 from dance2pose.errors import ModelError
 from dance2pose.forms import SKELETONS_BY_COUNT, Graph, Match, OutputForm, is_extra_input
-from dance2pose.inference import Session, TensorInfo, open_session
+from dance2pose.inference import Session, TensorInfo, check_model_file, open_session
 from dance2pose.manifest import (
     MAX_INPUT_SIDE,
     Kind,
@@ -84,9 +84,12 @@ def _files(path: Path, manifest: Path | None) -> tuple[Path, Path | None]:
         manifest = path
         name = read_manifest(path).get("model")
         model = path.parent / name if name else path.with_suffix(".onnx")
-        if not model.is_file():
-            raise ModelError(f"{path}: its model {model} does not exist; name it with model = ...")
+        try:
+            check_model_file(model)
+        except ModelError as error:
+            raise ModelError(f"{path}: its model cannot be used: {error}") from error
         return model, manifest
+    check_model_file(path)
     if manifest is None and manifest_path(path).is_file():
         manifest = manifest_path(path)
     return path, manifest

@@ -100,7 +100,7 @@ def located(path: Path) -> Path:
     whose file is no longer what was downloaded.
     """
     name = str(path)
-    if path.exists() or not _NAME.fullmatch(name) or name not in registry():
+    if not _NAME.fullmatch(name) or name not in registry() or path.exists():
         return path
     cached = cached_path(name)
     if not cached.is_file():
