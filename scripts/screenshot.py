@@ -18,15 +18,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
 NO_GRAPHICS = 3
 _START_S = 60.0
+_TRIES = 6
+_LOOKS = 15
+
+T = TypeVar("T")
 
 
 class NoGraphicsError(Exception):
@@ -85,21 +90,34 @@ def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
     raise TimeoutError(f"the viewer did not answer within {_START_S:.0f} s")
 
 
-def _settled_picture(viewer: ViewerClient, view_id: str | None, wait_s: float) -> bytes:
+def _patiently(call: Callable[[], T]) -> T:
+    """Ask the viewer again where a software driver on a busy machine missed its time."""
+    for _ in range(_TRIES - 1):
+        with contextlib.suppress(RuntimeError, TimeoutError):
+            return call()
+    return call()
+
+
+def _settled_picture(viewer: ViewerClient, view_id: str | None) -> bytes:
     """A picture once two in a row are the same: the video decoder needs a moment."""
-    end = time.monotonic() + wait_s
     last = b""
-    while True:
-        try:
-            picture = viewer.take_screenshot(view_id)
-        except RuntimeError:  # a software driver on a busy machine can miss the viewer's time
-            if time.monotonic() > end + wait_s:
-                raise
-            continue
-        if picture == last or (last and time.monotonic() > end):
-            return picture
+    for _ in range(_LOOKS):
+        picture = _patiently(lambda: viewer.take_screenshot(view_id))
+        if picture == last:
+            break
         last = picture
         time.sleep(0.7)
+    return last
+
+
+def _wait_until_loaded(viewer: ViewerClient) -> None:
+    end = time.monotonic() + _START_S
+    while time.monotonic() < end:
+        state = _patiently(viewer.get_state)
+        if state.views and not state.loading:
+            break
+        time.sleep(0.2)
+    time.sleep(2)
 
 
 def take_pictures(
@@ -108,28 +126,24 @@ def take_pictures(
     """Write one picture for each time; returns what the views reported."""
     reports: list[str] = []
     with headless_viewer(window_size) as viewer:
-        viewer.open(str(recording.resolve()))
-        end = time.monotonic() + _START_S
-        while viewer.get_state().loading and time.monotonic() < end:
-            time.sleep(0.2)
-        time.sleep(2)
+        _patiently(lambda: viewer.open(str(recording.resolve())))
+        _wait_until_loaded(viewer)
         for time_s in times_s:
-            viewer.set_time("video_time", duration=time_s, play_state="paused")
+            _patiently(partial(viewer.set_time, "video_time", duration=time_s, play_state="paused"))
             time.sleep(1)
-            views = viewer.get_state().views
+            views = _patiently(viewer.get_state).views
             chosen = next((v.view_id for v in views if v.name == view), None)
-            picture = _settled_picture(viewer, chosen, wait_s=20)
+            picture = _settled_picture(viewer, chosen)
             (folder / f"{recording.stem}_{time_s:.2f}s.png").write_bytes(picture)
-            views = viewer.get_state().views
             reports += [
                 f"{time_s:.2f} s, view {v.name!r} ({v.origin}): {r.severity}: {r.summary}"
                 + (f" ({r.details})" if r.details else "")
-                for v in views
+                for v in _patiently(viewer.get_state).views
                 for r in v.reports
             ]
         reports += [
             f"log: {entry.level}: {entry.message}"
-            for entry in viewer.get_logs()
+            for entry in _patiently(viewer.get_logs)
             if entry.level in ("WARN", "ERROR") and "rasterizer" not in entry.message
         ]
     return reports

@@ -109,6 +109,20 @@ def test_keypoints_and_joints_are_those_given(
             assert np.isnan(found[-1]).all(), "the frame after the last must take the dancer off"
 
 
+def test_raw_poses_have_the_bones_whose_two_ends_are_known(
+    recorded: tuple[Recording, list[Dancer], Path],
+) -> None:
+    recording, dancers, _ = recorded
+    rows = recording.rows("/world/dancer_1/raw", "LineStrips3D:strips")
+    raw = dancers[0].raw
+    for row, xyz in enumerate(raw.xyz.astype(np.float32)):
+        expected = [[xyz[a], xyz[b]] for a, b in get(JOINTS).bones if not np.isnan(xyz[a, 0])]
+        assert len(rows[row][2]) == len(expected) == (0 if row == 3 else len(get(JOINTS)) - 1)
+        np.testing.assert_array_equal(rows[row][2], expected)
+    assert rows[-1][0] == 10
+    assert rows[-1][2] == []
+
+
 def test_times_are_the_frames_own(
     video: Path, recorded: tuple[Recording, list[Dancer], Path]
 ) -> None:

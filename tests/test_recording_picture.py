@@ -19,6 +19,8 @@ from recording_making import Recording, make_provenance
 from video_making import make_video, numbered, numbered_video, woven
 
 TIMES_MS = [0, 40, 80, 160, 200, 210, 300, 340, 500, 540, 600, 720]
+# Else x264 writes the clock's tick, a millisecond, into the stream as its frame rate.
+STEADY = {"x264-params": "force-cfr=1"}
 
 
 @pytest.fixture(autouse=True)
@@ -50,8 +52,8 @@ def trimmed(path: Path, source: Path) -> Path:
     [
         ("h264.mp4", {}),
         ("h264.mov", {}),
-        ("b_frames.mp4", {"options": {"bf": "3"}, "times_ms": TIMES_MS}),
-        ("later.mp4", {"times_ms": [1500 + t for t in TIMES_MS]}),
+        ("b_frames.mp4", {"options": {"bf": "3"} | STEADY, "times_ms": TIMES_MS}),
+        ("later.mp4", {"options": STEADY, "times_ms": [1500 + t for t in TIMES_MS]}),
         ("ten_bit.mp4", {"pixel_format": "yuv420p10le"}),
         ("fragments.mp4", {"container_options": {"movflags": "frag_keyframe+empty_moov"}}),
         ("av1.mp4", {"codec": "libsvtav1"}),
@@ -77,6 +79,7 @@ def test_what_the_viewer_plays_is_recorded_as_it_is(
         ("turned.mp4", {"turned": (90, False, False)}, "turn or mirror"),
         ("mirrored.mp4", {"turned": (0, True, False)}, "turn or mirror"),
         ("wide.mp4", {"sample_aspect": Fraction(16, 15)}, "pixel shape 16/15"),
+        ("ticks.mp4", {"times_ms": TIMES_MS}, "says 1000 frames a second"),
     ],
 )
 def test_what_the_viewer_would_show_wrongly_is_recorded_as_frames(
@@ -184,7 +187,7 @@ def test_every_reference_is_to_the_frame_that_was_processed(
     path = numbered_video(
         tmp_path / "uneven.mp4",
         times_ms=[offset_ms + t for t in TIMES_MS],
-        options={"bf": "3", "g": "6"},
+        options={"bf": "3", "g": "6"} | STEADY,
     )
     out = tmp_path / "out.rrd"
     with open_video(path, start_s=start_s, every=every) as frames:

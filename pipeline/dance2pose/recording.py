@@ -31,10 +31,11 @@ from dance2pose.placement import place
 from dance2pose.poses import Dancer, Frame
 from dance2pose.provenance import Provenance, recording_id_for
 from dance2pose.quiet_rerun import rr
-from dance2pose.recording_entities import PICTURE, PROVENANCE, Clock, send_dancer, send_static
+from dance2pose.recording_entities import PICTURE, PROVENANCE, Clock, send_dancer
 from dance2pose.recording_file import is_whole
 from dance2pose.recording_layout import blueprint
 from dance2pose.recording_stream import open_stream
+from dance2pose.recording_style import send_style
 
 if TYPE_CHECKING:
     from dance2pose.video import VideoInfo
@@ -134,10 +135,9 @@ class RecordingWriter:
         if self._timestamps_ns is not None and len(clock.frame):
             references = viewer_timestamps_ns(self._timestamps_ns, clock.time_s)
             self._send(clock, rr.VideoFrameReference.columns_nanos(references))
-        send_static(self._stream, list(dancers), placement.offsets)
+        send_style(self._stream, dancers, placement)
         for dancer in dancers:
-            if len(dancer.track):
-                send_dancer(self._stream, dancer, clock)
+            send_dancer(self._stream, dancer, clock)
         if placement.notes:
             stages = {**provenance.stages, "placement": " ".join(placement.notes)}
             provenance = replace(provenance, stages=stages)

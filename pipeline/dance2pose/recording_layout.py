@@ -14,8 +14,9 @@ from dance2pose.recording_entities import (
     PROVENANCE,
     WORLD,
     plots_path,
-    quality_plots,
+    raw_path,
 )
+from dance2pose.recording_plots import trust_curves
 
 _BACKGROUND = (22, 24, 28)
 _GRID = (120, 120, 130, 110)
@@ -57,6 +58,7 @@ def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView
     centre, size = _extent(dancers, placement)
     return rrb.Spatial3DView(
         origin=WORLD,
+        contents=["$origin/**", *(f"- {raw_path(d.person)}" for d in dancers if _unsmoothed(d))],
         name=f"3D joints ({unit})",
         background=_BACKGROUND,
         line_grid=rrb.LineGrid3D(
@@ -73,6 +75,11 @@ def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView
             eye_up=(0, 1, 0),
         ),
     )
+
+
+def _unsmoothed(dancer: Dancer) -> bool:
+    """Whether the poses before and after smoothing are the same, and one of them is enough."""
+    return np.array_equal(dancer.raw.xyz, dancer.smoothed.xyz, equal_nan=True)
 
 
 def _extent(dancers: Sequence[Dancer], placement: Placement) -> tuple[FloatArray, FloatArray]:
@@ -121,13 +128,13 @@ def _plots(dancer: Dancer) -> rrb.Vertical:
     ]
     trust = [
         _plot(base, [name], title[0].upper() + title[1:], top=_plot_top(name, values))
-        for name, (title, values) in quality_plots(dancer).items()
+        for name, (title, values) in trust_curves(dancer).items()
     ]
     return rrb.Vertical(
         rrb.Grid(*angles, grid_columns=2),
-        rrb.Grid(*trust, grid_columns=2),
+        rrb.Grid(*trust, grid_columns=2 if len(trust) == 4 else 3),
         name=f"Dancer {dancer.person}",
-        row_shares=[3, 2],
+        row_shares=[3, 2] if len(trust) == 4 else [3, 1],
     )
 
 

@@ -1,0 +1,55 @@
+"""The curves that a recording plots of each dancer: joint angles, and how far to trust a frame."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dance2pose.angles import joint_angles
+from dance2pose.poses import BoolArray, Dancer, FloatArray
+
+
+class Curve(NamedTuple):
+    """A title for a reader, unit included, and values (T,), NaN where the frame has none."""
+
+    title: str
+    values: FloatArray
+
+
+def angle_curves(dancer: Dancer) -> dict[str, Curve]:
+    """The joint angles of the smoothed poses, degrees, by joint."""
+    angles = joint_angles(dancer.smoothed.xyz, dancer.smoothed.skeleton)
+    return {joint: Curve(joint.replace("_", " "), values) for joint, values in angles.items()}
+
+
+def trust_curves(dancer: Dancer) -> dict[str, Curve]:
+    """What tells how far to trust each frame: means over what was seen, a count of what was lifted.
+
+    By entity name: confidence, reprojection_error (px), invalid_bones, and sigma where the lifter
+    knows its uncertainty (in the unit of the poses).
+    """
+    track, joints = dancer.track, dancer.smoothed
+    seen = np.asarray(~np.isnan(track.xy).any(axis=2))
+    lifted = ~np.isnan(joints.xyz).all(axis=(1, 2))
+    invalid = np.where(lifted, (~joints.valid).sum(axis=1), np.nan)
+    error = joints.reprojection_error
+    curves = {
+        "confidence": Curve("mean keypoint confidence", _row_mean(track.confidence, seen)),
+        "reprojection_error": Curve(
+            "mean reprojection error, px", _row_mean(error, ~np.isnan(error))
+        ),
+        "invalid_bones": Curve("invalid bones", invalid),
+    }
+    if joints.sigma is not None:
+        mean = _row_mean(joints.sigma, ~np.isnan(joints.sigma))
+        curves["sigma"] = Curve(f"mean standard deviation, {joints.unit}", mean)
+    return curves
+
+
+def _row_mean(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Mean (T,) over the known values (T, J) of each row, NaN where a row has none."""
+    count = known.sum(axis=1)
+    total = np.where(known, values, 0).sum(axis=1, dtype=np.float64)
+    mean: FloatArray = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+    return mean
