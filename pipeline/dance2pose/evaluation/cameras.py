@@ -89,18 +89,18 @@ def scenes(
     return out
 
 
-def with_noise(scene: Scene, sigma_mm: float, rng: np.random.Generator) -> Scene:
+def with_noise(scene: Scene, rng: np.random.Generator, *, sigma_mm: float) -> Scene:
     """Gaussian noise on every coordinate of every joint, independent from frame to frame."""
     return replace(scene, xy=scene.xy + rng.normal(0.0, sigma_mm, scene.xy.shape))
 
 
-def with_snr(scene: Scene, snr_db: float, rng: np.random.Generator) -> Scene:
+def with_snr(scene: Scene, rng: np.random.Generator, *, snr_db: float) -> Scene:
     """Gaussian noise at a signal-to-noise ratio of the whole scene."""
-    return with_noise(scene, signal_to_noise_sigma(scene.xy, snr_db), rng)
+    return with_noise(scene, rng, sigma_mm=signal_to_noise_sigma(scene.xy, snr_db))
 
 
 def with_missing(
-    scene: Scene, share: float, rng: np.random.Generator, *, shortest: int = 5, longest: int = 20
+    scene: Scene, rng: np.random.Generator, *, share: float, shortest: int = 5, longest: int = 20
 ) -> Scene:
     """Joints missing in runs of `shortest` to `longest` frames, each joint by itself.
 

@@ -56,14 +56,13 @@ def pa_errors(estimate: FloatArray, truth: FloatArray, *, reflection: bool = Fal
     return joint_errors(procrustes_aligned(estimate, truth, reflection=reflection), truth)
 
 
-def mean_over(values: Sequence[FloatArray]) -> FloatArray:
-    """The mean of equally shaped arrays, NaN left out."""
-    stacked = np.stack(values)
+def mean_over(values: FloatArray | Sequence[FloatArray]) -> FloatArray:
+    """The mean (...) over the first axis, NaN left out; NaN where there is nothing else."""
+    stacked = np.asarray(values, dtype=np.float64)
     known = np.isfinite(stacked)
+    count = known.sum(axis=0)
     total = np.where(known, stacked, 0.0).sum(axis=0)
-    with np.errstate(invalid="ignore"):
-        mean: FloatArray = total / known.sum(axis=0)
-    return mean
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _derivative(xyz: FloatArray, rate_hz: float, order: int) -> FloatArray:
@@ -88,30 +87,38 @@ def _mean_length(vectors: FloatArray) -> float:
 
 
 def lag_frames(estimate: FloatArray, truth: FloatArray, *, longest: int = 20) -> float:
-    """By how many frames the estimate comes late: the peak of the cross-correlation of velocities.
+    """By how many frames the estimate comes late: the peak of the normalised cross-correlation.
 
-    Positive is late. All coordinates count together; a parabola through the peak and its
-    neighbours gives fractions. NaN where fewer than 3 `longest` frames in a row are lifted, or
-    nothing moves.
+    Positive is late. All coordinates count together, each less its mean; a parabola through the
+    peak and its neighbours gives fractions. NaN where fewer than 3 `longest` frames in a row are
+    lifted, where nothing moves, and where the peak is not within ± `longest` frames.
     """
     rows = _longest_run(lifted(estimate))
     length = rows.stop - rows.start
     if length < 3 * longest:
         return float("nan")
-    moves = np.diff(estimate[rows].reshape(length, -1), axis=0)
-    true_moves = np.diff(truth[rows].reshape(length, -1), axis=0)
-    inner = slice(longest, len(moves) - longest)
+    late = estimate[rows].reshape(length, -1)
+    true = _unit_energy(truth[rows].reshape(length, -1)[longest : length - longest])
     correlation = np.array(
         [
-            (moves[inner.start + lag : inner.stop + lag] * true_moves[inner]).sum()
+            (_unit_energy(late[longest + lag : length - longest + lag]) * true).sum()
             for lag in range(-longest, longest + 1)
         ]
     )
+    if not np.isfinite(correlation).all():
+        return float("nan")
     peak = int(correlation.argmax())
     if correlation[peak] <= 0 or peak in (0, 2 * longest):
         return float("nan")
     before, at, after = correlation[peak - 1 : peak + 2]
     return float(peak - longest + 0.5 * (before - after) / (before - 2 * at + after))
+
+
+def _unit_energy(values: FloatArray) -> FloatArray:
+    """Values (T, C) less their means, scaled to a sum of squares of one; NaN where constant."""
+    moved = values - values.mean(axis=0)
+    energy = np.sqrt(np.square(moved).sum())
+    return np.asarray(moved / energy if energy > 0 else np.full_like(moved, np.nan))
 
 
 def _longest_run(flags: BoolArray) -> slice:

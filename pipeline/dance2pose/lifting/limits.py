@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -256,8 +257,9 @@ def save(limits: Limits, path: Path, *, overwrite: bool = False) -> None:
         )
 
 
+@lru_cache
 def load(skeleton: str) -> Limits:
-    """The limits that come with dance2pose for a lifting skeleton."""
+    """The limits that come with dance2pose for a lifting skeleton, read once."""
     return read(asset(f"limits_{skeletons.get(skeleton).name}.npz"))
 
 
