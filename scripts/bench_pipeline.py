@@ -69,6 +69,7 @@ def main() -> None:
     parser.add_argument("--detector", type=Path, required=True)
     parser.add_argument("--pose", type=Path, required=True)
     parser.add_argument("--lifter", choices=["default", "paper"], default="default")
+    parser.add_argument("--seconds", type=float, help="of the video to use, all if not given")
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--minutes", type=float, nargs="*", default=[], help="of memory runs")
     parser.add_argument("--no-rtmlib", action="store_true")
@@ -84,11 +85,13 @@ def main() -> None:
 
 
 def measure_speed(options: argparse.Namespace, folder: Path) -> None:
-    settings = Settings(detector=options.detector, pose=options.pose, lifter=options.lifter)
+    settings = Settings(
+        detector=options.detector, pose=options.pose, lifter=options.lifter, end=options.seconds
+    )
     models = Models(options.detector, options.pose)
     turns: dict[str, Callable[[], Turn]] = {
         "chain": lambda: chain(options.video, settings, folder / "out.rrd"),
-        "session": lambda: models.session_alone(options.video),
+        "session": lambda: models.session_alone(options.video, options.seconds),
     }
     if not options.no_rtmlib:
         python = environment_with_rtmlib(folder)
@@ -97,8 +100,10 @@ def measure_speed(options: argparse.Namespace, folder: Path) -> None:
     for _ in range(options.turns):
         for name, turn in turns.items():
             results[name].append(turn())
+            print(f"  {name:8} {results[name][-1]}", flush=True)
     best = {name: max(done, key=lambda turn: turn.rate) for name, done in results.items()}
     least = {name: min(turn.cpu_s / turn.frames for turn in done) for name, done in results.items()}
+    print("best of each:")
     for name, fastest in best.items():
         print(f"{name:8} {fastest}")
     compare("session", TARGET_OF_SESSION, best, least)
@@ -136,11 +141,11 @@ class Models:
             session: Session = vars(model)["_session"]
             session._native = _Timed(session._native, self)
 
-    def session_alone(self, video: Path) -> Turn:
+    def session_alone(self, video: Path, seconds: float | None) -> Turn:
         """The time spent inside `session.run` while the video goes through both models."""
         self.wall_s = self.cpu_s = 0.0
         frames = 0
-        with open_video(video) as reader:
+        with open_video(video, end_s=seconds) as reader:
             # Decoded beforehand: nothing but the models shall use the processor meanwhile.
             pictures = [frame.image for frame in reader]
         for picture in pictures:
@@ -182,6 +187,7 @@ def rtmlib(python: Path, options: argparse.Namespace, models: Models, folder: Pa
     pose = models.estimator.description.manifest
     job = {
         "video": str(options.video),
+        "seconds": options.seconds,
         "detector": str(models.detector.description.path),
         "detector_size": [detector.input_height, detector.input_width],
         "score_threshold": detector.score_threshold,
@@ -204,7 +210,7 @@ def print_distance(options: argparse.Namespace, folder: Path) -> None:
     theirs = json.loads((folder / "rtmlib.json").read_text())["poses"]
     distances: list[float] = []
     alone = people = 0
-    with open_video(options.video) as reader:
+    with open_video(options.video, end_s=options.seconds) as reader:
         for frame, other in zip(reader, theirs, strict=False):
             ours = models.estimator.estimate(frame.image, models.detector.detect(frame.image))
             people += len(ours)

@@ -27,8 +27,9 @@ def main() -> None:
     )
     estimator = RTMPose(job["pose"], model_input_size=tuple(job["pose_size"]))
     video = cv2.VideoCapture(job["video"])
-    poses = []
-    while True:
+    most = int((job["seconds"] or 1e9) * video.get(cv2.CAP_PROP_FPS))
+    poses: list[list[list[float]]] = []
+    while len(poses) < most:
         more, picture = video.read()
         if not more:
             break
