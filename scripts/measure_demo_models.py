@@ -1,11 +1,11 @@
 """Measure the bundled demo models: on their clip, on rendered figures, and on a real video.
 
     python scripts/measure_demo_models.py [--models FOLDER]
-        [--pool FOLDER] [--video FILE --detector ONNX --pose ONNX]
+        [--pool FOLDER --mocap FOLDER] [--video FILE --detector ONNX --pose ONNX]
 
---pool: a pool of rendered samples from takes and bodies never trained on (made by
-`python -m figure_renderer.pool`). --video: a real video, compared with what the named real models
-find in it, which stands in for the truth. Prints one line a measurement.
+--pool: a pool of figures rendered from takes that are not trained on, with bodies, clothes and
+places of their own; made there from the BVH takes in --mocap if it is not. --video: a real video,
+compared with what the named real models find in it, which stands in for the truth.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from dance2pose.poses import Boxes, Track2D
 from dance2pose.reconstruct import reconstruct
 from dance2pose.skeleton import convert
 from demo_training.backgrounds import backgrounds
-from figure_renderer.pool import open_pool
+from figure_renderer.pool import open_pool, start_pool
 
+FIGURES, SEED = 400, 77
 SURE = 0.3  # keypoints of the reference models below this confidence are not compared
 
 
@@ -126,12 +127,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--models", type=Path, default=demo.asset(demo.CLIP).parent)
     parser.add_argument("--pool", type=Path)
+    parser.add_argument("--mocap", type=Path)
     parser.add_argument("--video", type=Path)
     parser.add_argument("--detector", type=Path)
     parser.add_argument("--pose", type=Path)
     arguments = parser.parse_args()
     on_clip(arguments.models)
     if arguments.pool:
+        if not (arguments.pool / "state.npy").exists():
+            for renderer in start_pool(
+                arguments.pool, arguments.mocap, FIGURES, seed=SEED, workers=1, test=True
+            ):
+                renderer.wait()
         on_pool(arguments.pool, arguments.models)
     if arguments.video:
         on_video(arguments.video, arguments.models, arguments.detector, arguments.pose)

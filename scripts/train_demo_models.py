@@ -30,8 +30,8 @@ from demo_training.training import (
 )
 from figure_renderer.pool import open_pool, start_pool
 
-ROWS, BACKGROUNDS, RENDERERS = 24000, 300, 2
-STEPS = {"pose": 3000, "detector": 1200}
+ROWS, BACKGROUNDS, RENDERERS = 4800, 300, 2
+STEPS = {"pose": 1450, "detector": 1430}
 
 
 def main() -> None:

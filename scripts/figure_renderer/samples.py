@@ -185,7 +185,7 @@ def _take_weights(takes: Sequence[Performance]) -> Array:
     kinds = [next((k for k in _KINDS if t.name.startswith(k + "_")), "") for t in takes]
     shares = {k: v for k, v in _KINDS.items() if k in kinds}
     shares[""] = 1 - sum(shares.values())
-    weights = np.array([shares[k] * len(t) for k, t in zip(kinds, takes, strict=True)])
+    weights = np.array([float(shares[k] * len(t)) for k, t in zip(kinds, takes, strict=True)])
     for kind in set(kinds):
         members = np.array([k == kind for k in kinds])
         weights[members] *= shares[kind] / weights[members].sum()
