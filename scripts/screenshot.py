@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
 NO_GRAPHICS = 3
+# What the viewer says as it ends without a Vulkan driver, and without any.
+_NO_GRAPHICS_WORDS = ("Failed to get render context", "No graphics adapter was found")
 _START_S = 60.0
 _TRIES = 6
 _LOOKS = 15
@@ -59,9 +61,11 @@ def headless_viewer(window_size: str) -> Iterator[ViewerClient]:
             _wait_for(port, process)
             yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
         except (RuntimeError, ConnectionError, TimeoutError) as error:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=5)
             log.seek(0)
             said = log.read().decode(errors="replace")
-            if process.poll() is not None and "graphics adapter" in said.lower():
+            if any(words in said for words in _NO_GRAPHICS_WORDS):
                 raise NoGraphicsError(said) from error
             raise RuntimeError(f"{error}\n{said[-3000:]}") from error
         finally:

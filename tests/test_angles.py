@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -53,6 +53,7 @@ def test_agrees_with_the_arccosine_frame_by_frame() -> None:
             assert angles[f"{side}_knee"][t] == pytest.approx(np.degrees(np.arccos(cosine)))
 
 
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 100))
 def test_does_not_depend_on_place_direction_and_size(seed: int, scale: float) -> None:
     rng = np.random.default_rng(seed)

@@ -30,10 +30,11 @@ from dance2pose.recording import RecordingWriter
 from dance2pose.video import open_video
 with open_video(Path(sys.argv[1])) as frames:
     info = frames.info
-image = np.random.default_rng(0).integers(0, 255, (200, 300, 3), np.uint8)
+rng = np.random.default_rng(0)
 try:
     with RecordingWriter(Path(sys.argv[2]), recording_id="id", picture="frames", video=info) as out:
         for number in range(100_000):
+            image = rng.integers(0, 255, (200, 300, 3), np.uint8)
             out.picture_frame(Frame(number, number / 25, image))
             if number == 100:
                 print("recording", flush=True)
