@@ -38,6 +38,13 @@ MARGINS = tuple(
 FOLDS = 4
 
 
+def _name(margins: Margins) -> str:
+    return f"{margins.occupancy_deg:g}° / {margins.region_deg:g}°"
+
+
+_CHOSEN = _name(Margins())
+
+
 @dataclass(frozen=True)
 class Point:
     """One choice of margins on held-out takes. score: the mean of the folds."""
@@ -69,8 +76,7 @@ def trade_off(
             for column, margins in zip(scores, MARGINS, strict=True):
                 column.append(score(widen(seen, margins), poses, np.random.default_rng(seed)))
         points += [
-            Point(f"{m.occupancy_deg:g}° / {m.region_deg:g}°", held_out, _mean(s))
-            for m, s in zip(MARGINS, scores, strict=True)
+            Point(_name(m), held_out, _mean(s)) for m, s in zip(MARGINS, scores, strict=True)
         ]
     rng = np.random.default_rng(seed)
     poses = _poses(takes)
@@ -92,7 +98,6 @@ def trade_off_table(points: Sequence[Point]) -> Table:
         ]
         for point in points
     ]
-    chosen = f"{Margins.occupancy_deg:g}° / {Margins.region_deg:g}°"
     return Table(
         "limits_trade_off",
         "Joint-angle limits: margin against strictness, %",
@@ -109,12 +114,11 @@ def trade_off_table(points: Sequence[Point]) -> Table:
         rows,
         digits=2,
         note=(
-            f"The limits that come with dance2pose have margins of {chosen}. Real: poses of takes "
+            f"The limits that come with dance2pose have margins of {_CHOSEN}. Real: poses of takes "
             f"(or of dancers) left out of the learning, {FOLDS} folds, at "
             f"{ObservationSettings.rate_hz:g} frames a second. Turned: one limited bone of such a "
             f"pose at a time, turned at random by more than {TURNED_DEGREES:g}°. Published limits "
-            "are measured on all the takes as they stand; they were learned from other poses, on "
-            "a body with a thorax of its own."
+            "are measured on all the takes as they stand; they were learned from other poses."
         ),
     )
 
@@ -126,11 +130,19 @@ def plot_trade_off(points: Sequence[Point], path: Path) -> None:
         line = [point.score for point in points if point.held_out == held_out]
         series.append(
             plots.Series(
-                f"learned here, {held_out} held out (margins {len(line)} steps)",
+                f"learned here, {held_out} held out",
                 np.array([100 * s.valid.mean() for s in line]),
                 np.array([100 * s.refused.mean() for s in line]),
             )
         )
+    chosen = [point for point in points if point.name == _CHOSEN]
+    series.append(
+        plots.Series(
+            f"margin that dance2pose has ({_CHOSEN})",
+            np.array([100 * point.score.valid.mean() for point in chosen]),
+            np.array([100 * point.score.refused.mean() for point in chosen]),
+        )
+    )
     for point in points:
         if point.held_out not in ("takes", "dancers"):
             at = np.array([[100 * point.score.valid.mean()], [100 * point.score.refused.mean()]])

@@ -26,22 +26,27 @@ def procrustes_aligned(
 
     reflection: let it be mirrored as well, as the paper's wording does. Frames with NaN give NaN.
     """
-    aligned = np.full(estimate.shape, np.nan)
+    proper, mirrored = _aligned_both_ways(estimate, truth)
+    return mirrored if reflection else proper
+
+
+def _aligned_both_ways(estimate: FloatArray, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Aligned poses without and with reflection allowed, from one decomposition."""
+    proper = np.full(estimate.shape, np.nan)
     rows = lifted(estimate)
     if not rows.any():
-        return aligned
-    goal_mean = truth[rows].mean(axis=1, keepdims=True)
+        return proper, proper
+    mean = truth[rows].mean(axis=1, keepdims=True)
     moving = estimate[rows] - estimate[rows].mean(axis=1, keepdims=True)
-    goal = truth[rows] - goal_mean
-    u, singular, vt = np.linalg.svd(moving.transpose(0, 2, 1) @ goal)
-    if not reflection:
-        sign = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
-        u[:, :, 2] *= sign[:, None]
-        singular[:, 2] *= sign
-    size = np.square(moving).sum(axis=(1, 2))
-    scale = singular.sum(axis=1) / np.maximum(size, np.finfo(float).tiny)
-    aligned[rows] = scale[:, None, None] * (moving @ (u @ vt)) + goal_mean
-    return aligned
+    u, singular, vt = np.linalg.svd(moving.transpose(0, 2, 1) @ (truth[rows] - mean))
+    size = np.maximum(np.square(moving).sum(axis=(1, 2)), np.finfo(float).tiny)[:, None, None]
+    free = proper.copy()
+    free[rows] = singular.sum(axis=1)[:, None, None] / size * (moving @ (u @ vt)) + mean
+    sign = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
+    u[:, :, 2] *= sign[:, None]
+    singular[:, 2] *= sign
+    proper[rows] = singular.sum(axis=1)[:, None, None] / size * (moving @ (u @ vt)) + mean
+    return proper, free
 
 
 def joint_errors(estimate: FloatArray, truth: FloatArray) -> FloatArray:
@@ -54,6 +59,12 @@ def joint_errors(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 def pa_errors(estimate: FloatArray, truth: FloatArray, *, reflection: bool = False) -> FloatArray:
     """Distance (T, J) after Procrustes alignment frame by frame; its mean is the PA-MPJPE."""
     return joint_errors(procrustes_aligned(estimate, truth, reflection=reflection), truth)
+
+
+def pa_errors_both_ways(estimate: FloatArray, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`pa_errors` without and with reflection, for the price of one."""
+    proper, free = _aligned_both_ways(estimate, truth)
+    return joint_errors(proper, truth), joint_errors(free, truth)
 
 
 def mean_over(values: FloatArray | Sequence[FloatArray]) -> FloatArray:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,74 +13,23 @@ import scipy
 
 from dance2pose import __version__
 from dance2pose.errors import DataError, OutputError
-from dance2pose.evaluation import plots
-from dance2pose.evaluation.cameras import MM_PER_PIXEL, Scene, scenes
+from dance2pose.evaluation.cameras import MM_PER_PIXEL, scenes
 from dance2pose.evaluation.lifter_experiments import lifter_tables, skeleton_table
-from dance2pose.evaluation.lifters import DEFAULT, PAPER
 from dance2pose.evaluation.limits_check import TURNED_DEGREES, JointLimits
 from dance2pose.evaluation.limits_check import score as score_limits
-from dance2pose.evaluation.paper_experiments import (
-    PAPER_AVERAGE,
-    PAPER_MODELS,
-    PAPER_TABLE,
-    WINDOWS,
-    Smoothed,
-    ablation_table,
-    absolute_table,
-    noise_tables,
-    paper_variants,
-    run_smoothed,
-    smoothed,
-    smoothness_table,
-    smoothness_variants,
-    table_1,
-    window_table,
-)
+from dance2pose.evaluation.paper_experiments import WINDOWS
+from dance2pose.evaluation.paper_report import paper_part
 from dance2pose.evaluation.path_experiment import path_table
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Cell, Table
+from dance2pose.evaluation.writing import ASSETS, REPORT, Report
 from dance2pose.lifting import limits
 from dance2pose.mocap.corpus import Take, read_takes
-from dance2pose.output_files import check_output, written_whole
-from dance2pose.poses import FloatArray
+from dance2pose.output_files import check_output
 from dance2pose.progress import Progress
-from dance2pose.skeleton import get
 
-REPORT = "REPORT.md"
-ASSETS = "report"  # the folder of tables and figures, beside the report
 _FEWEST_FRAMES = 4 * max(WINDOWS)
 _SKELETONS = ("cmu17", "paper15", "body17")
-
-
-@dataclass
-class _Report:
-    """What goes into the report, in order, and the files written so far."""
-
-    folder: Path
-    overwrite: bool
-    parts: list[str] = field(default_factory=list)
-    files: list[Path] = field(default_factory=list)
-
-    @property
-    def assets(self) -> Path:
-        return self.folder / ASSETS
-
-    def heading(self, text: str, *paragraphs: str) -> None:
-        self.parts += [f"## {text}", *paragraphs]
-
-    def table(self, table: Table) -> None:
-        self.parts.append(table.markdown())
-        self.files.append(table.write_csv(self.assets, overwrite=self.overwrite))
-
-    def figure(self, path: Path, caption: str) -> None:
-        self.parts.append(f"![{caption}]({ASSETS}/{path.name})\n\n{caption}")
-        self.files.append(path)
-
-    def write(self) -> None:
-        path = self.folder / REPORT
-        with written_whole(path, overwrite=self.overwrite) as temporary:
-            temporary.write_text("\n\n".join(self.parts) + "\n", encoding="utf-8")
-        self.files.append(path)
 
 
 def evaluate(
@@ -98,12 +46,12 @@ def evaluate(
     Returns the files written. Raises DataError for takes that cannot be read, OutputError where
     the report cannot be written (checked before any work).
     """
-    report = _Report(_folder(output, overwrite=overwrite), overwrite)
+    report = Report(_folder(output, overwrite=overwrite), overwrite)
     start = time.monotonic()
     takes = list(progress.track(read_takes(data), "reading takes", unit="take"))
     _check_takes(takes, data, settings.rate_hz)
     _introduction(report, data, takes, settings)
-    _paper_part(report, takes, settings, progress)
+    paper_part(report, takes, settings, progress)
     report.heading(
         "Lifters compared",
         f"At {settings.rate_hz:g} frames a second. `paper` is the paper's lifter, frame by frame "
@@ -145,7 +93,7 @@ def _check_takes(takes: Sequence[Take], data: Path, rate_hz: float) -> None:
 
 
 def _introduction(
-    report: _Report, data: Path, takes: Sequence[Take], settings: EvaluationSettings
+    report: Report, data: Path, takes: Sequence[Take], settings: EvaluationSettings
 ) -> None:
     frames = sum(len(take.xyz) for take in takes)
     listed = ", ".join(f"{t.name} ({len(t.xyz)} at {t.rate_hz:g} Hz)" for t in takes)
@@ -175,159 +123,8 @@ def _introduction(
     ]
 
 
-def _paper_part(
-    report: _Report, takes: Sequence[Take], settings: EvaluationSettings, progress: Progress
-) -> None:
-    windows = tuple(sorted({*WINDOWS, settings.window}))
-    seen = partial(scenes, takes, tilt_deg=settings.tilt_deg, seed=settings.seed)
-    native = seen(views=1)
-    slow = seen(views=settings.views, rate_hz=settings.rate_hz)
-    one = seen(views=1, rate_hz=settings.rate_hz)
-    at_rate = f"{settings.rate_hz:g} frames a second"
-    results = {
-        "native rate": run_smoothed(
-            PAPER, native, native, paper_variants(windows), progress, "native rate"
-        ),
-        at_rate: run_smoothed(PAPER, slow, slow, smoothness_variants(windows), progress, at_rate),
-    }
-    report.heading(
-        "The paper's experiments",
-        "Baseline: pursuit over the dictionary under joint-angle limits, frame by frame, = 100 %. "
-        "Then the paper's causal temporal models on every coordinate of every joint. At the takes' "
-        "own rate (120 or 60 frames a second, as the paper's frame count suggests) with one camera "
-        f"a take, and at {at_rate} with {settings.views}.",
-    )
-    for where, result in results.items():
-        report.table(table_1(result, settings.window, where))
-    if plots.available():
-        _figure_2(report, results["native rate"], settings.window)
-    report.table(absolute_table(results, settings.window))
-    report.table(window_table(results, windows))
-    report.parts.append(_difference(results, settings.window, at_rate))
-    noise, noise_percent = noise_tables(one, settings, progress)
-    report.heading(
-        "Noise",
-        "Gaussian noise on the 2D input, one camera a take, "
-        f"{at_rate}. SNR = 10 log10(P_signal / P_noise); P_signal is the mean square of the "
-        "coordinates about the hip. (The paper's text has the sense of the ratio upside down.)",
-    )
-    report.table(noise)
-    report.table(noise_percent)
-    if plots.available():
-        _figure_noise(report, noise)
-    report.heading(
-        "Smoothness",
-        "Jerk is that of the result relative to that of the true motion: below 1, motion itself "
-        "is lost. The lag is the peak of the cross-correlation with the truth; a late result is "
-        "positive.",
-    )
-    report.table(smoothness_table(results[at_rate], settings.rate_hz))
-    if plots.available():
-        _figure_3(report, one[0], settings.window)
-    else:
-        report.parts.append(f"({plots.WHY_NO_PLOTS})")
-        progress.say(plots.WHY_NO_PLOTS)
-    if settings.ablate:
-        report.heading("Ablation of the paper's lifter", f"One camera a take, {at_rate}.")
-        report.table(ablation_table(one, settings, progress))
-
-
-def _difference(results: dict[str, Smoothed], window: int, at_rate: str) -> str:
-    """Where our percentages differ from the paper's, and why."""
-    columns = [get("cmu17").index(joint) for joint in PAPER_TABLE]
-
-    def share(where: str, model: str, w: int) -> float:
-        result = results[where]
-        base = result.mean("none", 1).pa[columns].mean()
-        return 100 * float(result.mean(model, w).pa[columns].mean() / base)
-
-    ours = ", ".join(f"{m.upper()} {share('native rate', m, window):.1f}" for m in PAPER_MODELS)
-    slow = ", ".join(f"{m.upper()} {share(at_rate, m, window):.1f}" for m in PAPER_MODELS)
-    paper = ", ".join(
-        f"{m.upper()} {p:.1f}" for m, p in zip(PAPER_MODELS, PAPER_AVERAGE, strict=True)
-    )
-    lagless = [key for key in results[at_rate].runs if key[0].endswith("zero-phase")]
-    best = min(lagless, key=lambda key: share(at_rate, *key))
-    return (
-        "**Where this differs from the paper.** The paper's averages are "
-        f"{paper} % of its baseline. Ours are {ours} % at the takes' own rate and {slow} % at "
-        f"{at_rate}. The paper names neither its sequences, nor its cameras, nor its window, nor "
-        "the baseline's error in mm, so the same numbers are not to be expected; two reasons for "
-        "the difference can be measured. A moving average removes only the part of the error that "
-        "changes from frame to frame. The error of a pursuit on clean 2D is mostly steady (the "
-        "same wrong depth of a limb for many frames): even the best of the same averages without "
-        f"any lag ({best[0]}, window {best[1]}) leaves {share(at_rate, *best):.1f} % at {at_rate}. "
-        "A noisier baseline has more to gain: see the experiment with noise below. "
-        "And a causal average is late, which costs most at the joints that move fastest and at "
-        "low frame rates: at the same window in frames, it looks four times as far back at 30 as "
-        "at 120 frames a second."
-    )
-
-
-def _figure_2(report: _Report, result: Smoothed, window: int) -> None:
-    columns = [get("cmu17").index(joint) for joint in PAPER_TABLE]
-    base = result.mean("none", 1).pa[columns]
-    path = plots.bars(
-        report.assets / "figure_2.png",
-        [joint.replace("_", " ") for joint in PAPER_TABLE],
-        {m.upper(): 100 * result.mean(m, window).pa[columns] / base for m in PAPER_MODELS},
-        title=f"PA error of each joint, % of the baseline, window {window}",
-        y_label="% of the baseline",
-        line_at=100.0,
-        overwrite=report.overwrite,
-    )
-    report.figure(path, "Figure 2 of the paper: errors of the joints relative to the baseline")
-
-
-def _figure_noise(report: _Report, table: Table) -> None:
-    numbers = np.array([[float(cell) for cell in row] for row in table.rows])
-    series = [
-        plots.Series(name, numbers[:, 0], numbers[:, column])
-        for column, name in enumerate(table.header[2:], start=2)
-    ]
-    path = plots.lines(
-        report.assets / "figures_4_5.png",
-        series,
-        title="Error against noise of the 2D input",
-        x_label="signal-to-noise ratio, dB",
-        y_label="PA-MPJPE, mm",
-        overwrite=report.overwrite,
-    )
-    report.figure(path, "Figures 4 and 5 of the paper: error against the signal-to-noise ratio")
-
-
-def _figure_3(report: _Report, scene: Scene, window: int) -> None:
-    """One coordinate over four seconds: the truth, the baseline, and each model."""
-    joint = get(scene.skeleton).index("left_wrist")
-    observed = scene.observed()
-    lifted = PAPER.lift(observed).xyz
-    middle = len(scene.truth) // 2
-    shown = slice(middle, middle + round(4 * scene.rate_hz))
-
-    def depth(xyz: FloatArray) -> FloatArray:
-        return (xyz[:, joint] - xyz[:, 0])[shown, 2]
-
-    at = observed.time_s[shown]
-    lines = [plots.Series("truth", at, depth(scene.truth))]
-    lines.append(plots.Series("baseline", at, depth(lifted)))
-    for model in PAPER_MODELS:
-        after = smoothed(lifted, model, window, scene.rate_hz)
-        lines.append(plots.Series(model.upper(), at, depth(after)))
-    lines.append(plots.Series("default lifter", at, depth(DEFAULT.lift(observed).xyz)))
-    path = plots.lines(
-        report.assets / "figure_3.png",
-        lines,
-        title=f"Depth of the left wrist, {scene.take}, window {window}",
-        x_label="time, s",
-        y_label="towards the viewer, mm from the hip",
-        markers=False,
-        overwrite=report.overwrite,
-    )
-    report.figure(path, "Figure 3 of the paper: a signal before and after the temporal models")
-
-
 def _limits_part(
-    report: _Report,
+    report: Report,
     takes: dict[str, list[Take]],
     settings: EvaluationSettings,
     published: Sequence[tuple[str, JointLimits]],

@@ -58,14 +58,15 @@ def score(scene: Scene, xyz: FloatArray, sigma: FloatArray | None = None) -> Sco
     rows = metrics.lifted(xyz)
     estimate = xyz - xyz[:, :1]
     errors = metrics.joint_errors(estimate, scene.truth)
+    pa, pa_reflected = metrics.pa_errors_both_ways(xyz, scene.truth)
     # The first joint is the origin of both: it has no error and says nothing of sigma.
     inside = (
         (np.nan, np.nan) if sigma is None else metrics.within_sigma(errors[:, 1:], sigma[:, 1:])
     )
     flags = limits.load(scene.skeleton).is_valid(xyz[rows])
     return Scores(
-        pa=metrics.mean_over(metrics.pa_errors(xyz, scene.truth)),
-        pa_reflected=metrics.mean_over(metrics.pa_errors(xyz, scene.truth, reflection=True)),
+        pa=metrics.mean_over(pa),
+        pa_reflected=metrics.mean_over(pa_reflected),
         mpjpe=np.array(metrics.mean_over(errors).mean()),
         acceleration=np.array(metrics.acceleration_error(estimate, scene.truth, scene.rate_hz)),
         jerk=np.array(metrics.jerk(estimate, scene.rate_hz)),

@@ -17,7 +17,7 @@ class EvaluationSettings:
     ablations of the paper's lifter.
     """
 
-    views: int = 4
+    views: int = 2
     tilt_deg: float = 20.0
     seed: int = 0
     window: int = 5
