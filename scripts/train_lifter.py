@@ -22,6 +22,7 @@ import torch
 
 from dance2pose.lifting.network import network_output
 from dance2pose.mocap.corpus import read_takes
+from lifter_training.calibration import joint_errors
 from lifter_training.model import DepthNetwork, export
 from lifter_training.views import TakeStore, Views, random_views
 
@@ -39,12 +40,12 @@ def main() -> None:
     parser.add_argument("--hold-out", default=HELD_OUT)
     parser.add_argument("--all", action="store_true", help="train on the held-out takes as well")
     parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--width", type=int, default=384)
-    parser.add_argument("--blocks", type=int, default=4)
-    parser.add_argument("--clips", type=int, default=128)
+    parser.add_argument("--width", type=int, default=288)
+    parser.add_argument("--blocks", type=int, default=3)
+    parser.add_argument("--clips", type=int, default=48)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--clips-from", type=float, default=0.5, help="part of the time")
-    parser.add_argument("--rate", type=float, default=1.5e-3)
+    parser.add_argument("--rate", type=float, default=1.4e-3)
     parser.add_argument("--start", type=Path, help="weights (.pt) to start from")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
@@ -166,22 +167,9 @@ def report(model: torch.nn.Module, held: TakeStore) -> None:
         raw = model(torch.from_numpy(views.given.features)).numpy().astype(float)
         xyz, _, _ = network_output(raw, views.given)
         truth = views.truth / views.given.scale[:, None, None, None]
-        error = pa_error(xyz.reshape(-1, 17, 3), truth.reshape(-1, 17, 3))
+        error = joint_errors(xyz.reshape(-1, 17, 3), truth.reshape(-1, 17, 3)).mean(axis=1)
         error = error * views.given.scale.repeat(length)
         print(f"   held out, clips of {length}: {error.mean():.2f} mm", flush=True)
-
-
-def pa_error(xyz: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Mean joint error (N,) of (N, J, 3) after similarity alignment without reflection."""
-    x = xyz - xyz.mean(axis=1, keepdims=True)
-    y = truth - truth.mean(axis=1, keepdims=True)
-    u, s, vt = np.linalg.svd(np.einsum("nji,njk->nik", x, y))
-    sign = np.sign(np.linalg.det(u @ vt))
-    s[:, 2] *= sign
-    u[:, :, 2] *= sign[:, None]
-    factor = s.sum(axis=1) / np.square(x).sum(axis=(1, 2))
-    fitted = factor[:, None, None] * np.einsum("nji,nik->njk", x, u @ vt)
-    return np.asarray(np.linalg.norm(fitted - y, axis=-1).mean(axis=-1))
 
 
 if __name__ == "__main__":

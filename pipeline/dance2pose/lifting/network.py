@@ -161,6 +161,6 @@ def fill_gaps(values: FloatArray, *, held: int) -> FloatArray:
 
 def _mean_of_finite(points: FloatArray) -> FloatArray:
     """Mean over J of (N, J, 2), 0 where none is known."""
-    known = np.isfinite(points).all(axis=-1)[..., None]
+    known = np.asarray(np.isfinite(points).all(axis=-1))[..., None]
     total = np.where(known, points, 0.0).sum(axis=-2)
     return np.asarray(total / np.maximum(known.sum(axis=-2), 1))

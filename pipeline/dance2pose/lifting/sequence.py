@@ -24,7 +24,7 @@ from dance2pose.lifting.network import longest_projections
 from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights
 from dance2pose.lifting.perspective import camera_of, place, seen_straight, towards
 from dance2pose.lifting.smoothness import frame_noise, smooth_path
-from dance2pose.lifting.trajectory import follow_floor
+from dance2pose.lifting.trajectory import floor_level, follow_floor
 from dance2pose.mocap.corpus import body_bones_mm, retarget
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import Skeleton
@@ -38,6 +38,8 @@ LONGEST_GAP_S = 0.5
 _FLICKER = 0.25
 _LEAST_NOISE_MM = 1.0
 _SIZE_ERROR = 0.025
+# How often at most the effects of nearness are undone, and the change of size that has none.
+_PASSES, _STEADY = 3, 0.04
 # How far a bone of the wrong length is stretched rather than turned: as a part of the error of its
 # depth. Turning alone makes bones that lie about across the view flicker.
 _RADIAL = 0.5
@@ -83,21 +85,55 @@ def _converted(lifted: Lifted, target: str) -> Lifted:
     return Lifted(moved[..., :3], moved[..., 3:5], moved[..., 5], lifted.root)
 
 
-def _lift(observed: Observed, settings: SequenceSettings) -> Lifted:
+def _lift(
+    observed: Observed, settings: SequenceSettings, *, focal_px: float | None = None
+) -> Lifted:
+    """Poses under a weak-perspective camera; with a focal length, in px, under a perspective one
+    that points at the dancer, so that xy (T, J, 2) is relative to the middle of its picture."""
     frames, joints = observed.confidence.shape
     xyz = np.full((frames, joints, 3), np.nan)
     projected, sigma = np.full((frames, joints, 2), np.nan), np.full((frames, joints), np.nan)
     stretches = _stretches(observed)
     if stretches:
         rows = np.concatenate(stretches)
-        answer = _answers(observed, stretches)
-        found, size = _one_body(answer, observed, stretches, settings)
+        found, spread, size = _solved(observed, stretches, settings, focal_px)
         found -= found[:, :1]
         if settings.limits:
             found = limits.load(observed.skeleton).project_to_valid(found)
-        xyz[rows], sigma[rows] = found, answer.sigma * depth.sigma_factors()
+        xyz[rows], sigma[rows] = found, spread * depth.sigma_factors()
         projected[rows] = _drawn(found, size, observed.xy[rows])
     return Lifted(xyz, projected, sigma)
+
+
+def _solved(
+    observed: Observed,
+    stretches: list[IntArray],
+    settings: SequenceSettings,
+    focal_px: float | None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poses, scale of their errors and px a mm, in the rows of all stretches.
+
+    What is nearer looks larger: the whole figure when the dancer comes closer, and with a known
+    focal length each joint. Once poses are found this is undone, and all is found again.
+    """
+    rows = np.concatenate(stretches)
+    level, grown = observed, np.ones(len(rows))
+    for step in range(_PASSES):
+        answer = _answers(level, stretches)
+        found, spread, size = _one_body(answer, level, stretches, settings)
+        size = size * grown
+        now = size / np.median(size) if not observed.independent else np.ones(len(rows))
+        if step == _PASSES - 1 or (focal_px is None and np.abs(now / grown - 1).max() < _STEADY):
+            break
+        grown = now
+        shrink = 1 / grown[:, None, None]
+        if focal_px is not None:
+            nearer = found[..., 2:] - found[:, :1, 2:]
+            shrink = shrink * np.clip(1 - nearer * (size / focal_px)[:, None, None], 0.5, 1.5)
+        xy = observed.xy.copy()
+        xy[rows] *= shrink
+        level = replace(observed, xy=xy)
+    return found, spread, size
 
 
 def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lifted:
@@ -115,16 +151,21 @@ def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lift
         direction = smooth_path(direction, np.array(0.02), times, acceleration=1.0)
     turn = towards(direction)
     straight = replace(observed, xy=seen_straight(camera, observed.xy, turn))
-    lifted = _lift(straight, settings)
+    lifted = _lift(straight, settings, focal_px=camera.focal_px)
     xyz = lifted.xyz @ turn  # back from the turned camera
     root = place(camera, xyz, observed.xy, np.clip(observed.confidence, 0.0, 1.0))
     root[~np.isfinite(xyz).all(axis=(1, 2))] = np.nan
+    floor = 0.0
     if not observed.independent:
+        tree = skeletons.get(observed.skeleton)
+        stands = np.zeros((len(root), 2), bool)
         for rows in _stretches(observed):
             if np.isfinite(root[rows]).any():
-                tree = skeletons.get(observed.skeleton)
-                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree).root
-    return Lifted(xyz, camera.project(xyz + root[:, None]), lifted.sigma, root)
+                path = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree)
+                root[rows], stands[rows] = path.root, path.contact
+        floor = floor_level(xyz, root, stands, tree)
+    projected = camera.project(xyz + root[:, None])
+    return Lifted(xyz, projected, lifted.sigma, root - [0.0, floor, 0.0])
 
 
 def _middle(observed: Observed) -> FloatArray:
@@ -166,8 +207,9 @@ def _answers(observed: Observed, stretches: list[IntArray]) -> Depth:
 
 def _one_body(
     answer: Depth, observed: Observed, stretches: list[IntArray], settings: SequenceSettings
-) -> tuple[FloatArray, FloatArray]:
-    """Poses (N, J, 3) of one dancer in the rows of all stretches, and px a mm in each (N,)."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poses (N, J, 3) of one dancer in the rows of all stretches, the scale (N, J) of their errors
+    and px a mm in each (N,)."""
     rows = np.concatenate(stretches)
     parts = np.split(np.arange(len(rows)), np.cumsum([len(s) for s in stretches])[:-1])
     tree, body = skeletons.get(observed.skeleton), body_bones_mm(observed.skeleton)
@@ -175,12 +217,14 @@ def _one_body(
     size: FloatArray
     if observed.independent:  # so far apart that nothing flows
         times = 1e3 * np.arange(len(rows))
-        size = _sizes(answer.xyz, tree, body)
+        size = np.maximum(_sizes(answer.xyz, tree, body), _least_sizes(answer.xyz, tree, body))
     else:
         size = _growth(answer, parts, times, tree, body)
-    xyz = answer.xyz / size[:, None, None]
+    xyz: FloatArray = answer.xyz / size[:, None, None]
     picture = (observed.xy[rows] - answer.centre[:, None]) / (answer.scale * size)[:, None, None]
-    sigma = np.stack([answer.sigma * _ACROSS, answer.sigma * _ACROSS, answer.sigma_z], axis=-1)
+    sigma: FloatArray = np.stack(
+        [answer.sigma * _ACROSS, answer.sigma * _ACROSS, answer.sigma_z], axis=-1
+    )
     spot = _spot_noise(picture, observed.confidence[rows], observed.independent)
     xyz, sigma = _seen_and_said(xyz, sigma, picture, spot)
     smooth = settings.smooth and not observed.independent
@@ -216,7 +260,10 @@ def _one_body(
         xyz = with_bone_lengths(xyz, give, tree, lengths, spread=spread)
         if not observed.independent:
             xyz = retarget(xyz, tree, lengths)
-    return xyz, answer.scale * size
+    # What is left after the solution, and what the network feared before: measured, their
+    # geometric mean is closer to the errors than either.
+    left = np.sqrt(np.square(sigma).sum(axis=-1))
+    return xyz, np.sqrt(left * answer.sigma / size[:, None]), answer.scale * size
 
 
 def _growth(
@@ -263,6 +310,13 @@ def _sizes(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
     parents, children = np.array(tree.bones).T
     lengths = np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1)
     return np.asarray(lengths.sum(axis=1) / body.sum())
+
+
+def _least_sizes(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
+    """The same (N,) from the bones that look longest: no bone looks longer than it is."""
+    parents, children = np.array(tree.bones).T
+    flat = np.linalg.norm(xyz[:, children, :2] - xyz[:, parents, :2], axis=-1)
+    return np.asarray(np.sort(flat / body, axis=1)[:, -3:].mean(axis=1))
 
 
 def _drawn(xyz: FloatArray, scale: FloatArray, xy: FloatArray) -> FloatArray:

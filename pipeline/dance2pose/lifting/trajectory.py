@@ -1,4 +1,4 @@
-"""The dancer's path through the room: feet that stand do not slide, and stand on the floor.
+"""The dancer's path through the room: feet that stand do not slide.
 
 T frames; axes x right, y up, z towards the viewer; mm. A foot is its ankle and, where the skeleton
 has one, its toe.
@@ -29,7 +29,7 @@ _ACCELERATION = 4000.0  # mm / s^2, of the pelvis
 
 @dataclass(frozen=True)
 class Path:
-    """root: (T, 3) mm, y = 0 on the floor. contact: (T, 2) left and right foot stands."""
+    """root: (T, 3) mm. contact: (T, 2) left and right foot stands."""
 
     root: FloatArray
     contact: BoolArray
@@ -56,7 +56,6 @@ def follow_floor(xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton
     for _ in range(2):
         path = _solve(_filled(root), contact, xyz, time_s, skeleton)
         contact = contacts(xyz, path, time_s, skeleton)
-    path = path - [0.0, floor_level(xyz, path, contact, skeleton), 0.0]
     return Path(path, contact)
 
 
@@ -94,7 +93,7 @@ def foot_slide(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: 
 def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
     """Height of the floor: below the ankles that stand, as far as ankles are above soles."""
     feet = (xyz[:, foot_joints(skeleton)] + root[:, None])[..., 1]
-    height = np.median(feet[contact]) if contact.any() else np.nanquantile(feet, 0.05)
+    height = np.nanmedian(feet[contact]) if contact.any() else np.nanquantile(feet, 0.05)
     return float(height) - ANKLE_ABOVE_FLOOR_MM
 
 
