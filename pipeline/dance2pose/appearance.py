@@ -26,7 +26,8 @@ def torso_joints(skeleton: str) -> list[int]:
 def torso_histogram(image: Image, xy: FloatArray, torso: list[int]) -> Histogram | None:
     """Colour histogram of one dancer's torso, summing to 1; None where it is not to be seen.
 
-    xy: (J, 2) px, NaN where missing; at least three of shoulders and hips must be seen. Hue, saturation and brightness are binned 8 x 4 x 4.
+    xy: (J, 2) px, NaN where missing; at least three of shoulders and hips must be seen. Hue,
+    saturation and brightness are binned 8 x 4 x 4.
     """
     points = xy[torso]
     points = points[np.isfinite(points).all(axis=1)]

@@ -218,10 +218,18 @@ MODELS: dict[str, TemporalModel] = {
         TemporalModel(
             "mma", "modified moving average", _PAPER + "9", True, _whole, _recursive(_mma)
         ),
-        TemporalModel("sma-zero-phase", "SMA without lag", _TWICE, False, _no_lag, _zero_phase(_sma)),
-        TemporalModel("ema-zero-phase", "EMA without lag", _TWICE, False, _no_lag, _zero_phase(_ema)),
-        TemporalModel("wma-zero-phase", "WMA without lag", _TWICE, False, _no_lag, _zero_phase(_wma)),
-        TemporalModel("mma-zero-phase", "MMA without lag", _TWICE, False, _no_lag, _zero_phase(_mma)),
+        TemporalModel(
+            "sma-zero-phase", "SMA without lag", _TWICE, False, _no_lag, _zero_phase(_sma)
+        ),
+        TemporalModel(
+            "ema-zero-phase", "EMA without lag", _TWICE, False, _no_lag, _zero_phase(_ema)
+        ),
+        TemporalModel(
+            "wma-zero-phase", "WMA without lag", _TWICE, False, _no_lag, _zero_phase(_wma)
+        ),
+        TemporalModel(
+            "mma-zero-phase", "MMA without lag", _TWICE, False, _no_lag, _zero_phase(_mma)
+        ),
         TemporalModel(
             "one-euro", "One-Euro filter", "Casiez et al., CHI 2012", True, _half, _one_euro
         ),
