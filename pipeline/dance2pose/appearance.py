@@ -51,7 +51,8 @@ def torso_histogram(image: Image, xy: FloatArray, torso: list[int]) -> Histogram
         [0, 180, 0, 256, 0, 256],
     )
     histogram: Histogram = counts.ravel().astype(np.float64)
-    return histogram / histogram.sum()
+    histogram /= histogram.sum()
+    return histogram
 
 
 def likeness(first: Histogram, second: Histogram) -> float:
