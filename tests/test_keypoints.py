@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -329,6 +330,18 @@ def test_many_dancers_are_each_seen_once(fixed: bool, tmp_path: Path) -> None:
     for n in [0, 2, 4, LARGEST_BATCH - 1, LARGEST_BATCH, count - 1]:
         alone = model.estimate(image, Boxes(xyxy[n : n + 1], np.ones(1)))
         np.testing.assert_array_equal(together.xy[n], alone.xy[0])
+
+
+def test_one_model_serves_several_threads(tmp_path: Path) -> None:
+    path = heatmaps_of_colours(tmp_path / "m.onnx", width=CROP[0], height=CROP[1])
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
+    rng = np.random.default_rng(2)
+    pictures = [rng.integers(0, 255, IMAGE.shape).astype(np.uint8) for _ in range(40)]
+    expected = [model.estimate(picture, BOXES).xy for picture in pictures]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda picture: model.estimate(picture, BOXES).xy, pictures))
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_a_graph_that_fails_on_batches_says_what_to_state(tmp_path: Path) -> None:

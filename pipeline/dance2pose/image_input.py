@@ -7,6 +7,7 @@ affine that takes points of the network's input to points of the picture.
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import cv2
@@ -22,8 +23,8 @@ Affine = npt.NDArray[np.float64]
 class ImageInput:
     """Prepares pictures for one model. dtype: of the model's image input.
 
-    The tensors it gives are one buffer, used again at the next call: fresh memory for every
-    frame costs as much as filling it.
+    The tensors it gives are one buffer a thread, used again at that thread's next call: fresh
+    memory for every frame costs as much as filling it.
     """
 
     def __init__(self, manifest: Manifest, dtype: np.dtype[Any]) -> None:
@@ -31,7 +32,7 @@ class ImageInput:
         self.dtype = dtype
         self._scale = 1 / np.asarray(manifest.std, np.float32)
         self._offset = -np.asarray(manifest.mean, np.float32) * self._scale
-        self._buffer = self._empty(1)
+        self._of_thread = threading.local()
 
     def whole(self, image: Image, *, batch: int = 1) -> tuple[npt.NDArray[Any], Affine]:
         """The whole picture as the first of a tensor of `batch`, and image_from_network (2, 3)."""
@@ -61,9 +62,10 @@ class ImageInput:
         return tensor, affines
 
     def _tensor(self, count: int) -> npt.NDArray[Any]:
-        if len(self._buffer) < count:
-            self._buffer = self._empty(count)
-        return self._buffer[:count]
+        buffer: npt.NDArray[Any] | None = getattr(self._of_thread, "buffer", None)
+        if buffer is None or len(buffer) < count:
+            buffer = self._of_thread.buffer = self._empty(count)
+        return buffer[:count]
 
     def _empty(self, count: int) -> npt.NDArray[Any]:
         sides = (self.manifest.input_height, self.manifest.input_width)
