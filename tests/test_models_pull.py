@@ -243,7 +243,7 @@ def test_a_name_that_is_not_pulled_yet(cache: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["../../escaped.onnx", "../end2end.onnx", "/tmp/end2end.onnx", "a\\..\\..\\x", "C:/x"]
+    "name", ["../../escaped.onnx", "../end2end.onnx", "/end2end.onnx", "a\\..\\..\\x", "C:/x"]
 )
 def test_an_archive_that_reaches_outside_is_refused(
     name: str, server: Server, cache: Path, tmp_path: Path
