@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dance2pose.poses import FloatArray, IntArray
+from dance2pose.poses import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -65,78 +65,100 @@ def fit_camera(
     (R12), which is exact for full 3D and a start where depth is missing. Then `steps` Gauss-Newton
     steps in rotation and scale, each kept only where it lowers the sum.
     """
-    target, target_mean = centred(observed, weights)
+    moments = _Moments.of(xyz, observed, weights)
     if rotation is None:
-        rotation = _procrustes(centred(xyz, weights)[0], target, weights)
-    scale, cost, turned = _best_scale(xyz, target, weights, rotation)
+        rotation = _procrustes(moments.cross)
+    turned = moments.turned(rotation)
+    scale, cost = moments.best_scale(rotation, turned)
     for _ in range(steps):
-        trial = _gauss_newton(turned, scale, target, weights, rotation)
-        trial_scale, trial_cost, trial_turned = _best_scale(xyz, target, weights, trial)
+        trial = moments.gauss_newton(rotation, scale, turned)
+        trial_turned = moments.turned(trial)
+        trial_scale, trial_cost = moments.best_scale(trial, trial_turned)
         better = trial_cost < cost
         rotation = np.where(better[:, None, None], trial, rotation)
+        turned = np.where(better[:, None, None, None], trial_turned, turned)
         scale = np.where(better, trial_scale, scale)
         cost = np.where(better, trial_cost, cost)
-        turned = np.where(better[:, None, None], trial_turned, turned)
-    mean = centred(xyz @ rotation.transpose(0, 2, 1), weights)[1]
-    translation = target_mean - scale[:, None] * mean
-    return WeakPerspective(rotation, scale, np.where(weights.any(axis=1), translation, 0.0))
+    mean = np.einsum("ncd,ncd->nc", rotation, moments.mean)
+    translation = moments.observed_mean - scale[:, None] * mean
+    return WeakPerspective(rotation, scale, np.where(moments.seen, translation, 0.0))
 
 
-def _procrustes(xyz: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+@dataclass(frozen=True)
+class _Moments:
+    """What the sum depends on, free of the joints: second moments along each image axis c.
+
+    square: (N, 3, 3, 3) sum w_c x x^T. cross: (N, 3, 3) sum w_c observed_c x. Both centred on the
+    weighted means of that axis. mean: (N, 3, 3) mean of x for each axis. observed_mean: (N, 3).
+    seen: (N, 3) False for an axis without weight.
+    """
+
+    square: FloatArray
+    cross: FloatArray
+    mean: FloatArray
+    observed_mean: FloatArray
+    seen: BoolArray
+
+    @staticmethod
+    def of(xyz: FloatArray, observed: FloatArray, weights: FloatArray) -> _Moments:
+        by_axis = np.ascontiguousarray(weights.transpose(0, 2, 1))
+        total = by_axis.sum(axis=-1)
+        share = by_axis / np.maximum(total, 1e-300)[..., None]
+        mean = share @ xyz
+        target = observed.transpose(0, 2, 1)
+        observed_mean = (share * target).sum(axis=-1)
+        heavy = by_axis[..., None] * xyz[:, None]  # (N, 3, J, 3)
+        square = heavy.swapaxes(-1, -2) @ xyz[:, None]
+        square -= total[..., None, None] * mean[..., :, None] * mean[..., None, :]
+        cross = ((target - observed_mean[..., None])[..., None, :] @ heavy)[..., 0, :]
+        return _Moments(square, cross, mean, observed_mean, total > 0)
+
+    def turned(self, rotation: FloatArray) -> FloatArray:
+        """The second moments (N, 3, 3, 3) of the points after the rotation."""
+        r = rotation[:, None]
+        moments: FloatArray = r @ self.square @ r.swapaxes(-1, -2)
+        return moments
+
+    def best_scale(self, rotation: FloatArray, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scale (N,) in closed form, and the sum (N,) less what no camera can change."""
+        along = (rotation * self.cross).sum(axis=(1, 2))
+        size = np.einsum("nccc->n", turned)
+        scale = np.maximum(along, 1e-9 * size) / np.maximum(size, 1e-300)
+        return scale, scale * (scale * size - 2 * along)
+
+    def gauss_newton(
+        self, rotation: FloatArray, scale: FloatArray, turned: FloatArray
+    ) -> FloatArray:
+        """Rotations after one step in rotation vector and relative scale."""
+        normal = (_JACOBIAN @ turned @ _JACOBIAN.swapaxes(-1, -2)).sum(axis=1)
+        # For axis c the residuals against the turned points: R cross_c / s - turned_c[:, c].
+        against = self.cross @ rotation.swapaxes(-1, -2) / scale[:, None, None]
+        against -= np.einsum("ncdc->ncd", turned)
+        gradient = (_JACOBIAN @ against[..., None]).sum(axis=1)
+        damping = 1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-300
+        step = np.linalg.solve(normal + damping[:, None, None] * np.eye(4), gradient)
+        return rotation_from_vector(step[:, :3, 0]) @ rotation
+
+
+# Row p of axis c times a turned point is how its coordinate c moves: turning about x, y, z
+# ((w x point)_c = w . (point x e_c)), and growing.
+_JACOBIAN = np.array(
+    [
+        [[0, 0, 0], [0, 0, 1], [0, -1, 0], [1, 0, 0]],
+        [[0, 0, -1], [0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 0], [0, 0, 1]],
+    ],
+    dtype=np.float64,
+)
+
+
+def _procrustes(cross: FloatArray) -> FloatArray:
     """Proper rotations (N, 3, 3) of orthogonal Procrustes; depth without weight counts nothing."""
-    covariance = (weights * target).transpose(0, 2, 1) @ xyz
-    u, _, vt = np.linalg.svd(covariance)
+    u, _, vt = np.linalg.svd(cross)
     # The least significant direction (depth, where that is missing) makes the rotation proper.
     u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
     rotation: FloatArray = u @ vt
     return rotation
-
-
-def _best_scale(
-    xyz: FloatArray, target: FloatArray, weights: FloatArray, rotation: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Scale (N,) in closed form, what remains of the sum (N,), and the turned, centred points."""
-    turned = centred(xyz @ rotation.transpose(0, 2, 1), weights)[0]
-    along = np.einsum("njd,njd->n", weights * turned, target)
-    size = np.einsum("njd,njd->n", weights * turned, turned)
-    scale = np.maximum(along, 1e-9 * size) / np.maximum(size, 1e-300)
-    left = target - scale[:, None, None] * turned
-    return scale, np.einsum("njd,njd->n", weights * left, left), turned
-
-
-def _gauss_newton(
-    turned: FloatArray,
-    scale: FloatArray,
-    target: FloatArray,
-    weights: FloatArray,
-    rotation: FloatArray,
-) -> FloatArray:
-    """Rotations after one damped step in (rotation vector, relative scale)."""
-    x, y, z = np.moveaxis(scale[:, None, None] * turned, -1, 0)
-    nought = np.zeros_like(x)
-    # Columns of the Jacobian (N, J, 3, 4): turning about x, y, z, and growing.
-    jacobian = np.stack(
-        [
-            np.stack([nought, -z, y], axis=-1),
-            np.stack([z, nought, -x], axis=-1),
-            np.stack([-y, x, nought], axis=-1),
-            np.stack([x, y, z], axis=-1),
-        ],
-        axis=-1,
-    )
-    # Turned points are centred axis by axis; their cross products have to be centred again.
-    total = np.maximum(weights.sum(axis=1), 1e-300)
-    jacobian -= (np.einsum("njd,njdp->ndp", weights, jacobian) / total[..., None])[:, None]
-    count = len(x)
-    rows = jacobian.reshape(count, -1, 4)
-    left = (target - np.stack([x, y, z], axis=-1)) * weights
-    weighted = weights.reshape(count, -1, 1) * rows
-    normal = rows.transpose(0, 2, 1) @ weighted
-    gradient = rows.transpose(0, 2, 1) @ left.reshape(count, -1, 1)
-    trace = np.trace(normal, axis1=1, axis2=2)
-    damping = np.maximum(1e-9 * trace, 1e-300)
-    step = np.linalg.solve(normal + damping[:, None, None] * np.eye(4), gradient)[:, :3, 0]
-    return rotation_from_vector(step) @ rotation
 
 
 def rotation_from_vector(vector: FloatArray) -> FloatArray:

@@ -58,6 +58,19 @@ class Dictionary:
         return np.ascontiguousarray(self.atoms.reshape(len(self), -1), dtype=np.float64)
 
     @cached_property
+    def flat_atoms32(self) -> npt.NDArray[np.float32]:
+        """(K, 3 J) in single precision"""
+        return self.flat_atoms.astype(np.float32)
+
+    @cached_property
+    def spread(self) -> npt.NDArray[np.float32]:
+        """Covariances (9, K) of the atoms over joints: with S = R2^T R2, R2 the rows of a rotation
+        that are seen, S.ravel() @ spread is an atom's squared norm in the image."""
+        centred = self.atoms - self.atoms.mean(axis=1, keepdims=True)
+        covariance = np.swapaxes(centred, 1, 2) @ centred
+        return np.ascontiguousarray(covariance.reshape(len(self), 9).T, dtype=np.float32)
+
+    @cached_property
     def atom_bones(self) -> npt.NDArray[np.float64]:
         """Bone vectors (K, 3 (J - 1)) of the atoms: child less parent."""
         return np.ascontiguousarray(self.bones_of(self.atoms), dtype=np.float64)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dance2pose import skeleton as skeletons
@@ -40,8 +38,8 @@ def lift(
     Raises UsageError for an unknown skeleton, lifter, camera or a height that is no body height,
     DataError for a track whose arrays do not fit its skeleton.
     """
-    if height_m is not None and not (math.isfinite(height_m) and height_m > 0):
-        raise UsageError(f"body height of {height_m} m; expected a positive number of metres")
+    if height_m is not None and not 0.3 <= height_m <= 3:
+        raise UsageError(f"body height of {height_m} m; expected metres, 0.3 to 3")
     observed = observe(track, independent=independent, camera=camera, fov_deg=fov_deg)
     lift_frames = _lifter(lifter)
     seen = np.isfinite(observed.xy).all(axis=2)
@@ -74,6 +72,8 @@ def observe(
 ) -> Observed:
     """The track as lifters take it: in its lifting skeleton, with y up. Checks what it is given."""
     source = skeletons.get(track.skeleton)
+    if len(track) == 0:
+        raise DataError(f"track of person {track.person}: holds no frame; there is nothing to lift")
     if track.xy.shape[1] != len(source):
         raise DataError(
             f"track of person {track.person}: {track.xy.shape[1]} keypoints, "

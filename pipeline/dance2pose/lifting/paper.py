@@ -3,16 +3,25 @@
 Nguyen, Ngo, Le, section 3: R12's pursuit and weak-perspective camera, with AB15's rule that an
 atom after which a joint would bend as no joint can is passed over. Nothing flows between frames;
 the temporal models follow as a stage of their own.
+
+Three things go beyond the papers' text, because they were measured to be better on takes held out
+of training (models/README.md has the figures): several first rotations (`pursuit`), bone lengths
+held by scaling pose against camera rather than in the coefficients, and exact bone lengths at the
+end (`bone_depths`). `PursuitSettings` and `exact_bones` turn each of them off.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from dance2pose import skeleton as skeletons
 from dance2pose.errors import UsageError
 from dance2pose.lifting import dictionary, limits
+from dance2pose.lifting.bone_depths import with_exact_depths
+from dance2pose.lifting.camera import centred
+from dance2pose.lifting.dictionary import Dictionary
 from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.lifting.pursuit import PursuitSettings, pursue
+from dance2pose.lifting.pursuit import PoseLimits, PursuitSettings, pursue
 from dance2pose.poses import FloatArray
 
 # Rotation, scale and place of the camera are six numbers, two joints give four: with fewer than
@@ -21,11 +30,16 @@ FEWEST_JOINTS = 4
 
 
 def lift_frames(
-    observed: Observed, *, settings: PursuitSettings | None = None, limited: bool = True
+    observed: Observed,
+    *,
+    settings: PursuitSettings | None = None,
+    limited: bool = True,
+    exact_bones: bool = True,
 ) -> Lifted:
     """Poses of all frames with at least FEWEST_JOINTS joints seen; the others stay NaN.
 
     limited: pass over atoms after which a joint would bend as no joint can; False is an ablation.
+    exact_bones: end with the body's bone lengths; False leaves the pursuit's own pose.
     """
     if observed.camera != "weak-perspective":
         raise UsageError(
@@ -37,19 +51,50 @@ def lift_frames(
     xyz = np.full((frames, joints, 3), np.nan)
     projected = np.full((frames, joints, 2), np.nan)
     if known.any():
-        points = np.concatenate([observed.xy, np.zeros((frames, joints, 1))], axis=2)[known]
-        planar = np.repeat(weights[known, :, None], 3, axis=2)
-        planar[..., 2] = 0.0
-        found = pursue(
+        xyz[known], projected[known] = lift_points(
+            observed.xy[known],
+            weights[known],
             dictionary.load(observed.skeleton),
-            points,
-            planar,
+            limits.load(observed.skeleton) if limited else None,
             settings=settings,
-            limits=limits.load(observed.skeleton) if limited else None,
+            exact_bones=exact_bones,
         )
-        xyz[known] = found.xyz
-        projected[known] = found.camera.project(found.body)[..., :2]
     return Lifted(xyz, projected)
+
+
+def lift_points(
+    xy: FloatArray,
+    weights: FloatArray,
+    poses: Dictionary,
+    limits: PoseLimits | None,
+    *,
+    settings: PursuitSettings | None = None,
+    exact_bones: bool = True,
+) -> tuple[FloatArray, FloatArray]:
+    """Poses (N, J, 3) mm, first joint at the origin, and their image (N, J, 2) in the unit of xy.
+
+    xy: (N, J, 2), y up, may be NaN where weights (N, J) are 0; FEWEST_JOINTS or more are not.
+    """
+    points = np.concatenate([xy, np.zeros((*weights.shape, 1))], axis=2)
+    planar = np.repeat(weights[..., None], 3, axis=2)
+    planar[..., 2] = 0.0
+    found = pursue(poses, points, planar, settings=settings, limits=limits)
+    xyz, camera = found.xyz, found.camera
+    if exact_bones:
+        seen = weights > 0
+        offset = np.where(seen[..., None], xy - camera.translation[:, None, :2], 0.0)
+        xyz = with_exact_depths(
+            xyz,
+            offset / camera.scale[:, None, None],
+            seen,
+            skeletons.get(poses.skeleton),
+            poses.bone_lengths,
+            limits,
+        )
+    drawn = camera.scale[:, None, None] * xyz[..., :2]
+    flat = planar[..., :2]
+    shift = centred(np.where(flat > 0, xy, 0.0), flat)[1] - centred(drawn, flat)[1]
+    return xyz, drawn + shift[:, None]
 
 
 def keypoint_weights(xy: FloatArray, confidence: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from dance2pose.errors import DataError, UsageError
 from dance2pose.mocap.asf_amc import read_asf_amc
 from dance2pose.mocap.bvh import read_bvh
 from dance2pose.mocap.motion import Motion, forward_kinematics
+from dance2pose.npz_files import read_arrays
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import Skeleton, convert, get
 
@@ -258,19 +259,16 @@ def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:
 def _takes_of_npz(path: Path, skeleton: str) -> Iterator[Take]:
     """Takes of 120 Hz, one array (T, 17, 3) each, mm, y up, root at the origin."""
     tree, lengths = get(skeleton), body_bones_mm(skeleton)
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            for name in archive.files:
-                xyz = archive[name]
-                if xyz.ndim != 3 or xyz.shape[1:] != (17, 3) or not np.isfinite(xyz).all():
-                    raise DataError(
-                        f"{path}: {name} is {xyz.dtype} {xyz.shape}, expected finite (T, 17, 3)"
-                    )
-                xyz = xyz.astype(float)
-                if skeleton == "body17":
-                    xyz = body17_from_cmu17(xyz)
-                else:
-                    xyz = convert(xyz, np.ones(xyz.shape[:-1]), source="cmu17", target=skeleton)[0]
-                yield Take(name, retarget(xyz, tree, lengths), None, 120.0, skeleton)
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: not a .npz of takes: {error}") from error
+    for name, xyz in read_arrays(path).items():
+        if xyz.dtype.kind != "f" or xyz.ndim != 3 or xyz.shape[1:] != (17, 3):
+            raise DataError(
+                f"{path}: {name} is {xyz.dtype} {xyz.shape}, expected floats (T, 17, 3)"
+            )
+        if len(xyz) == 0 or not np.isfinite(xyz).all():
+            raise DataError(f"{path}: {name} holds no frame, or values that are not finite")
+        xyz = xyz.astype(float)
+        if skeleton == "body17":
+            xyz = body17_from_cmu17(xyz)
+        else:
+            xyz = convert(xyz, np.ones(xyz.shape[:-1]), source="cmu17", target=skeleton)[0]
+        yield Take(name, retarget(xyz, tree, lengths), None, 120.0, skeleton)
