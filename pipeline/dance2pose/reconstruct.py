@@ -95,7 +95,8 @@ def reconstruct(
     output; then no output file is left behind.
     """
     progress = progress or Silent()
-    for path in (output, *(_npz_paths(output, 1) if settings.npz else ())):
+    smoothing.check_window(settings.temporal_model, settings.window)
+    for path in (output, *(_npz_paths(output, None) if settings.npz else ())):
         check_output(path, overwrite=overwrite)
     with open_video(
         video,
@@ -177,9 +178,9 @@ def to_3d(track: Track2D, settings: Settings) -> Dancer:
     return Dancer(track, raw, smoothed)
 
 
-def _npz_paths(output: Path, dancer: int) -> tuple[Path, Path]:
-    """Where a dancer's poses and keypoints go: OUT.npz for the first, OUT.dancer_2.npz ..."""
-    stem = output.stem if dancer == 1 else f"{output.stem}.dancer_{dancer}"
+def _npz_paths(output: Path, person: int | None) -> tuple[Path, Path]:
+    """Where poses and keypoints go: OUT.npz for the first dancer (None), OUT.dancer_2.npz ..."""
+    stem = output.stem if person is None else f"{output.stem}.dancer_{person}"
     return output.with_name(f"{stem}.npz"), output.with_name(f"{stem}.track.npz")
 
 
@@ -188,7 +189,8 @@ def _write_npz(
 ) -> list[Path]:
     if not settings.npz:
         return []
-    paths = [_npz_paths(output, number) for number in range(1, len(dancers) + 1)]
+    others = [_npz_paths(output, dancer.person) for dancer in dancers[1:]]
+    paths = [_npz_paths(output, None), *others]
     files = [path for pair in paths for path in pair]
     for path in files:
         check_output(path, overwrite=overwrite)
