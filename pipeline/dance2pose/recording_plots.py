@@ -35,15 +35,13 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     invalid = np.where(lifted, (~joints.valid).sum(axis=1), np.nan)
     error = joints.reprojection_error
     curves = {
-        "confidence": Curve("mean keypoint confidence", _row_mean(track.confidence, seen)),
-        "reprojection_error": Curve(
-            "mean reprojection error, px", _row_mean(error, ~np.isnan(error))
-        ),
+        "confidence": Curve("mean confidence", _row_mean(track.confidence, seen)),
+        "reprojection_error": Curve("reprojection, px", _row_mean(error, ~np.isnan(error))),
         "invalid_bones": Curve("invalid bones", invalid),
     }
     if joints.sigma is not None:
         mean = _row_mean(joints.sigma, ~np.isnan(joints.sigma))
-        curves["sigma"] = Curve(f"mean standard deviation, {joints.unit}", mean)
+        curves["sigma"] = Curve(f"mean sigma, {joints.unit}", mean)
     return curves
 
 
