@@ -17,6 +17,7 @@ from dance2pose.config import Settings
 from dance2pose.errors import Dance2PoseError, ModelError, OutputError, UsageError, VideoError
 from dance2pose.exchange import read_poses, read_track
 from dance2pose.reconstruct import Summary, reconstruct
+from video_making import numbered_video
 
 pytestmark = pytest.mark.shared
 
@@ -135,11 +136,8 @@ def test_without_a_detector_or_a_pose_model_it_says_what_to_do(
 
 
 def test_a_video_without_people_writes_nothing(shared: Path, tmp_path: Path) -> None:
-    from video_making import write_video
-
     video = tmp_path / "empty_stage.mp4"
-    grey = [np.full((96, 128, 3), 90, np.uint8)] * 7
-    write_video(video, grey)
+    numbered_video(video)
     with pytest.raises(VideoError, match="no person"):
         reconstruct(video, tmp_path / "out.rrd", settings=settings(shared, end=None))
     assert list(tmp_path.iterdir()) == [video]

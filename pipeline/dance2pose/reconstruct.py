@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +14,11 @@ from dance2pose import exchange, smoothing
 from dance2pose.config import Settings
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError, VideoError
+from dance2pose.inference import default_threads
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
 from dance2pose.lifting.lift import lift
 from dance2pose.output_files import check_output
-from dance2pose.poses import Boxes, Dancer, Image, Poses2D, Track2D
+from dance2pose.poses import Boxes, Dancer, Frame, Image, Poses2D, Track2D
 from dance2pose.progress import Progress, Silent
 from dance2pose.provenance import Provenance, describe_run
 from dance2pose.recording import RecordingWriter, choose_picture, recording_id_for
@@ -63,14 +66,18 @@ class PoseModels:
 
 
 def load_models(settings: Settings) -> PoseModels:
-    """Load the models that the settings name. Raises UsageError where one is not named."""
+    """Load the models that the settings name. Raises UsageError where one is not named.
+
+    Each runs in one thread: several frames side by side use the cores better than several threads
+    within the small operators of one frame do (see `find_ahead`).
+    """
     if settings.pose is None:
         raise UsageError(
             "no keypoint model is named; name ONNX models with --detector D.onnx --pose P.onnx\n"
             "or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
             "and `dance2pose demo` shows a result without any"
         )
-    estimator = load_pose_model(settings.pose)
+    estimator = load_pose_model(settings.pose, threads=1)
     if isinstance(estimator, OneStageEstimator):
         return PoseModels(None, estimator)
     if settings.detector is None:
@@ -78,7 +85,7 @@ def load_models(settings: Settings) -> PoseModels:
             f"{settings.pose}: estimates keypoints inside boxes; name a person detector as well "
             "with --detector D.onnx"
         )
-    return PoseModels(load_detector(settings.detector), estimator)
+    return PoseModels(load_detector(settings.detector, threads=1), estimator)
 
 
 def reconstruct(
@@ -137,13 +144,13 @@ def observe(
     """Read the video once: people and keypoints of every frame, joined into tracks."""
     shots = ShotDetector()
     tracker: Tracker | None = None
-    for frame in progress.track(
-        frames, "detecting and estimating", total=frames.expected_frames, unit="frame"
+    found = find_ahead(frames, models)
+    for frame, (boxes, poses) in progress.track(
+        found, "detecting and estimating", total=frames.expected_frames, unit="frame"
     ):
         if tracker is None:
             height, width = frame.image.shape[:2]
             tracker = Tracker(models.skeleton, (width, height))
-        boxes, poses = models.find(frame.image)
         tracker.update(
             frame.index,
             frame.time_s,
@@ -160,6 +167,28 @@ def observe(
             "nothing was written"
         )
     return tracks
+
+
+def find_ahead(
+    frames: Iterable[Frame], models: PoseModels
+) -> Iterator[tuple[Frame, tuple[Boxes, Poses2D]]]:
+    """The frames in order, each with its people, found in as many threads as there are cores.
+
+    At most one frame more than there are threads is held, whatever the length of the video.
+    """
+    threads = default_threads()
+    waiting: deque[tuple[Frame, Future[tuple[Boxes, Poses2D]]]] = deque()
+    with ThreadPoolExecutor(threads, thread_name_prefix="models") as pool:
+        try:
+            for frame in frames:
+                waiting.append((frame, pool.submit(models.find, frame.image)))
+                if len(waiting) > threads:
+                    done, people = waiting.popleft()
+                    yield done, people.result()
+            for done, people in waiting:
+                yield done, people.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def to_3d(track: Track2D, settings: Settings) -> Dancer:
