@@ -254,7 +254,7 @@ def test_a_whole_report(short_take: Path, tmp_path: Path) -> None:
     assert "nan" not in text.lower().replace("dominant", "")
     with (tmp_path / "out" / "report" / "lifters.csv").open(encoding="utf-8") as file:
         rows = {row[0]: row[1:] for row in csv.reader(file)}
-    assert float(rows["default"][0]) < 0.6 * float(rows["paper"][0])
+    assert float(rows["default"][0]) < 0.6 * float(rows["paper, as written"][0])
     for picture in ("figure_2.png", "figure_3.png", "figures_4_5.png"):
         assert f"report/{picture}" in text
     # Once more into the same folder: refused, and nothing is lost.

@@ -10,6 +10,7 @@ import numpy as np
 
 from dance2pose.evaluation.cameras import Scene, scenes, with_missing, with_noise
 from dance2pose.evaluation.lifters import (
+    AS_WRITTEN,
     DEFAULT,
     PAPER,
     LifterEntry,
@@ -86,16 +87,17 @@ def run_paper(
 def accuracy_table(
     results: Results, names: Sequence[str], given: dict[str, Condition], *, name: str, title: str
 ) -> Table:
-    """PA-MPJPE in mm under every condition, and the clean one as a share of the paper's."""
+    """PA-MPJPE in mm under every condition, and the clean one as a share of the paper lifters'."""
     rows: list[list[Cell]] = [
         [lifter, *(results[lifter, key].mean.pa_mean for key in given)] for lifter in names
     ]
     header = ["PA-MPJPE, mm", *(condition.name for condition in given.values())]
-    if (PAPER.name, "clean") in results:
-        base = results[PAPER.name, "clean"].mean.pa_mean
-        header.append("clean, % of the paper's")
-        for lifter, row in zip(names, rows, strict=True):
-            row.append(100 * results[lifter, "clean"].mean.pa_mean / base)
+    for base in (PAPER, AS_WRITTEN):
+        if base.name in names:
+            whole = results[base.name, "clean"].mean.pa_mean
+            header.append(f"clean, % of {base.name!r}")
+            for lifter, row in zip(names, rows, strict=True):
+                row.append(100 * results[lifter, "clean"].mean.pa_mean / whole)
     return Table(name, title, tuple(header), rows)
 
 

@@ -30,9 +30,26 @@ PAPER = LifterEntry("paper", paper.lift_frames)
 DEFAULT = LifterEntry("default", sequence.lift_frames)
 
 
+# The pursuit as R12 and AB15 write it down: one start from the mean pose, the constraint on bone
+# lengths in closed form on the coefficients (without a penalty on them), the pursuit's own pose.
+AS_WRITTEN = LifterEntry(
+    "paper, as written",
+    partial(
+        paper.lift_frames,
+        settings=PursuitSettings(closed_form=True, start_atoms=0, ridge=1e-3, atoms=10),
+        exact_bones=False,
+    ),
+)
+
+
 def lifters() -> tuple[LifterEntry, ...]:
     """The lifters themselves."""
-    return (PAPER, DEFAULT, replace(DEFAULT, name="default, frames unrelated", independent=True))
+    return (
+        PAPER,
+        AS_WRITTEN,
+        DEFAULT,
+        replace(DEFAULT, name="default, frames unrelated", independent=True),
+    )
 
 
 def default_ablations() -> tuple[LifterEntry, ...]:
@@ -61,17 +78,25 @@ def paper_ablations() -> tuple[LifterEntry, ...]:
     """The paper's lifter without limits, without the anthropometric constraint, with other K."""
     usual = PursuitSettings()
 
-    def entry(name: str, settings: PursuitSettings, *, limited: bool = True) -> LifterEntry:
-        lift = partial(paper.lift_frames, settings=settings, limited=limited)
+    def entry(
+        name: str, settings: PursuitSettings, *, limited: bool = True, exact_bones: bool = True
+    ) -> LifterEntry:
+        lift = partial(
+            paper.lift_frames, settings=settings, limited=limited, exact_bones=exact_bones
+        )
         return LifterEntry(name, lift, part_of=PAPER.name)
 
+    free = replace(usual, anthropometric=False)
     return (
+        AS_WRITTEN,
         entry("paper without limits", usual, limited=False),
-        entry("paper without anthropometric constraint", replace(usual, anthropometric=False)),
-        entry("paper without either", replace(usual, anthropometric=False), limited=False),
+        entry("paper without anthropometric constraint", free, exact_bones=False),
+        entry("paper without either", free, exact_bones=False, limited=False),
+        entry("paper without exact bone lengths", usual, exact_bones=False),
+        entry("paper from one start", replace(usual, start_atoms=0)),
         *(
             entry(f"paper, K = {atoms}", replace(usual, atoms=atoms))
-            for atoms in (3, 6, 15, 25)
+            for atoms in (4, 8, 10, 25)
             if atoms != usual.atoms
         ),
     )

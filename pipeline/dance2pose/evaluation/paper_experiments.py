@@ -109,7 +109,7 @@ def table_1(result: Smoothed, window: int, where: str) -> Table:
     for model in PAPER_MODELS:
         header += [f"{model.upper()} %", "paper %"]
     return Table(
-        f"table_1_{where.replace(' ', '_')}",
+        f"table_1_{where.replace(',', '').replace(' ', '_')}",
         f"Table 1 of the paper, {where}, window {window}: PA error in % of the baseline",
         tuple(header),
         rows,

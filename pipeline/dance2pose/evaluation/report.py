@@ -54,8 +54,9 @@ def evaluate(
     paper_part(report, takes, settings, progress)
     report.heading(
         "Lifters compared",
-        f"At {settings.rate_hz:g} frames a second. `paper` is the paper's lifter, frame by frame "
-        "(its baseline). σ counts errors of position in the camera's axes, hips together, "
+        f"At {settings.rate_hz:g} frames a second. `paper` is `--lifter paper`, frame by frame "
+        "(the baseline); `paper, as written` is the same pursuit without what dance2pose adds to "
+        "it. σ counts errors of position in the camera's axes, hips together, "
         "without alignment.",
     )
     for table in lifter_tables(takes, settings, progress):
