@@ -12,18 +12,22 @@ from dance2pose.skeleton import Skeleton
 
 # People's bones differ from the one body's by about this part of their length, the network's
 # lengths from the truth by about that.
-_PRIOR_SPREAD, _NETWORK_SPREAD = 0.05, 0.05
+_PRIOR_SPREAD, _NETWORK_SPREAD = 0.04, 0.05
 # The projection of a bone taken for its longest, and the length that the network gives it taken
 # for its true one: it errs short where it is unsure which end is nearer.
 _LONGEST, _TYPICAL = 0.95, 0.75
+_LONGEST_LIKELY = 1.12
+# A bone that was seen as long as it is expected to be is known this well.
+_LEAST_SPREAD = 0.015
 _STEPS = 5
 _CHUNK = 512
 
 
 def track_bone_lengths(
     picture: FloatArray, xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray
-) -> FloatArray:
-    """The bone lengths (J - 1,) of one dancer, from a whole track.
+) -> tuple[FloatArray, FloatArray]:
+    """The bone lengths (J - 1,) of one dancer, from a whole track, and how uncertain each is, as a
+    part of it.
 
     picture: (T, J, 2) where joints were seen, NaN where not. xyz: (T, J, 3) with the network's
     depths, in the same unit. body_mm: (J - 1,) of the one body, left and right alike.
@@ -48,11 +52,18 @@ def track_bone_lengths(
     solid = both_sides(np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1), _TYPICAL)
     solid = (solid + solid[pair]) / 2
     ratio = np.sort((longest / body_mm)[np.isfinite(longest)])
-    size = ratio[len(ratio) // 2 :].mean() if len(ratio) else float(np.mean(solid / body_mm))
+    size = (
+        float(np.median(ratio[len(ratio) // 2 :]))
+        if len(ratio)
+        else float(np.mean(solid / body_mm))
+    )
     prior, network = 1 / _PRIOR_SPREAD**2, 1 / _NETWORK_SPREAD**2
     ratio_solid = np.clip(solid / (size * body_mm), 0.8, 1.2)
     expected = size * body_mm * (prior + network * ratio_solid) / (prior + network)
-    return np.asarray(np.fmax(expected, longest))
+    # Longer than people's bones are: keypoints that are wrong for much of the track.
+    lengths = np.fmax(expected, np.fmin(longest, _LONGEST_LIKELY * expected))
+    unseen = np.abs(np.nan_to_num((lengths - longest) / lengths, nan=1.0))
+    return lengths, np.clip(unseen, _LEAST_SPREAD, _PRIOR_SPREAD)
 
 
 def with_bone_lengths(
@@ -61,7 +72,7 @@ def with_bone_lengths(
     skeleton: Skeleton,
     lengths: FloatArray,
     *,
-    spread: float = 0.01,
+    spread: FloatArray | float = 0.01,
 ) -> FloatArray:
     """The poses closest to xyz (T, J, 3) whose bones have about the given lengths (J - 1,).
 
@@ -77,7 +88,11 @@ def with_bone_lengths(
 
 
 def _closest(
-    xyz: FloatArray, variance: FloatArray, skeleton: Skeleton, lengths: FloatArray, spread: float
+    xyz: FloatArray,
+    variance: FloatArray,
+    skeleton: Skeleton,
+    lengths: FloatArray,
+    spread: FloatArray | float,
 ) -> FloatArray:
     parents, children = np.array(skeleton.bones).T
     bones = np.arange(len(children))

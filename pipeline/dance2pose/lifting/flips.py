@@ -17,8 +17,9 @@ from dance2pose.skeleton import Skeleton
 
 # A bone's end moves towards or away from the viewer by up to about this, mm/s.
 _SPEED = 1000.0
-# The network's depths err alike for about this long: so much evidence counts once.
-_INDEPENDENT_S = 0.12
+# The network errs alike as long as the pose is alike: evidence counts anew when joints have moved
+# by so many mm in the picture, on average, or after so many seconds.
+_NEW_POSE_MM, _NEW_AFTER_S = 36.0, 1.5
 
 
 def settle_depths(
@@ -29,12 +30,13 @@ def settle_depths(
     skeleton: Skeleton,
     lengths: FloatArray,
     *,
-    spread: float = 0.015,
+    spread: FloatArray | float = 0.015,
 ) -> tuple[FloatArray, FloatArray]:
     """Depths (T, J) that agree with the bones' lengths, and their variance (T, J) mm^2.
 
     xyz: (T, J, 3) with the network's depths. sigma_z, sigma_xy: (T, J) of depth and of either
-    coordinate of the picture. lengths: (J - 1,); spread: how well they are known, as a part.
+    coordinate of the picture. lengths: (J - 1,); spread: how well each is known, as a
+    part of it.
     """
     parents, children = np.array(skeleton.bones).T
     bone = xyz[:, children] - xyz[:, parents]
@@ -46,7 +48,8 @@ def settle_depths(
     square = lengths**2 - across2
     square_sigma = 2 * np.sqrt((spread * lengths**2) ** 2 + across2 * across_variance + 1.0)
     apart = np.sqrt(np.maximum(square, 0.0))
-    nearer = _probability_nearer(said, said_variance, apart, square_sigma, time_s)
+    count = _new_evidence(xyz[..., :2], time_s)
+    nearer = _probability_nearer(said, said_variance, apart, square_sigma, time_s, count)
     sign = 2 * nearer - 1
     # Where d is small its error is large: d^2 = square +- square_sigma bounds it.
     apart_variance = np.minimum(square_sigma**2 / (4 * np.maximum(apart, 1.0) ** 2), square_sigma)
@@ -63,13 +66,12 @@ def _probability_nearer(
     apart: FloatArray,
     square_sigma: FloatArray,
     time_s: FloatArray,
+    count: FloatArray,
 ) -> FloatArray:
     """Probability (T, B) that the bone's far end is nearer to the viewer than its near one."""
     frames = len(said)
-    steps = np.gradient(time_s) if frames > 1 else np.array([_INDEPENDENT_S])
-    share = np.minimum(steps / _INDEPENDENT_S, 1.0)[:, None]
     scale = np.sqrt(said_variance / 2)  # of a Laplace distribution
-    evidence = share * (np.abs(said + apart) - np.abs(said - apart)) / scale
+    evidence = count[:, None] * (np.abs(said + apart) - np.abs(said - apart)) / scale
     # The way from one state to the other leads through zero; d itself is uncertain there.
     way = (apart[1:] + apart[:-1]) ** 2
     reach = (_SPEED * np.diff(time_s)[:, None]) ** 2 + square_sigma[1:] + square_sigma[:-1]
@@ -81,6 +83,15 @@ def _probability_nearer(
         backward[t] = _carried(backward[t + 1] + evidence[t + 1], flip[t])
     total = np.clip(forward + evidence + backward, -50, 50)
     return np.asarray(1 / (1 + np.exp(-total)))
+
+
+def _new_evidence(xy: FloatArray, time_s: FloatArray) -> FloatArray:
+    """How much (T,) each frame adds to what its neighbours have said, at most 1."""
+    if len(xy) < 2:
+        return np.ones(len(xy))
+    moved = np.linalg.norm(np.diff(xy, axis=0), axis=-1).mean(axis=1)
+    new = moved / _NEW_POSE_MM + np.diff(time_s) / _NEW_AFTER_S
+    return np.asarray(np.minimum((np.r_[new[:1], new] + np.r_[new, new[-1:]]) / 2, 1.0))
 
 
 def _carried(odds: FloatArray, flip: FloatArray) -> FloatArray:

@@ -42,9 +42,9 @@ _SIZE_ERROR = 0.025
 _PASSES, _STEADY = 3, 0.04
 # How far a bone of the wrong length is stretched rather than turned: as a part of the error of its
 # depth. Turning alone makes bones that lie about across the view flicker.
-_RADIAL = 0.5
+_RADIAL = 0.7
 # The network's error across the view, as a part of that of the position.
-_ACROSS = 0.9
+_ACROSS = 1.3
 # Size of the figure in the picture: its changes over this many seconds are the dancer's way
 # towards the camera, quicker ones are errors.
 _SIZE_S = 1.5
@@ -231,11 +231,11 @@ def _one_body(
     if smooth:
         for part in parts:
             xyz[part, :, :2] = smooth_path(xyz[part, :, :2], sigma[part, :, :2], times[part])
-    lengths, spread = body, 0.06
+    lengths, spread = body, np.full(len(body), 0.06)
     if not observed.independent:
         seen = np.isfinite(picture)
-        lengths = track_bone_lengths(np.where(seen, xyz[..., :2], np.nan), xyz, tree, body)
-        spread = 0.015
+        flat = np.where(seen, xyz[..., :2], np.nan)
+        lengths, spread = track_bone_lengths(flat, xyz, tree, body)
         unit = lengths.sum() / body.sum()
         xyz, sigma, lengths, size = xyz / unit, sigma / unit, lengths / unit, size * unit
     if settings.flips:
