@@ -17,10 +17,25 @@ _PRIOR_SPREAD, _NETWORK_SPREAD = 0.04, 0.05
 # for its true one: it errs short where it is unsure which end is nearer.
 _LONGEST, _TYPICAL = 0.95, 0.75
 _LONGEST_LIKELY = 1.12
+# A bone that looks longer than this, beside the median of the dancer's bones, was not seen rightly.
+_TOO_LONG = 1.25
 # A bone that was seen as long as it is expected to be is known this well.
 _LEAST_SPREAD = 0.015
 _STEPS = 5
 _CHUNK = 512
+
+
+def likely_projections(longest: FloatArray, body_mm: FloatArray) -> FloatArray:
+    """Longest projections (J - 1,) without those that no body of this size could have.
+
+    A keypoint that is wrong for much of a track makes its bones look far too long, and the dancer
+    with them; such a bone gets the length that the others let expect. NaN stays.
+    """
+    ratio = longest / body_mm
+    if not np.isfinite(ratio).any():
+        return longest
+    typical = np.nanmedian(ratio)
+    return np.asarray(np.where(ratio > _TOO_LONG * typical, typical * body_mm, longest))
 
 
 def track_bone_lengths(
@@ -48,7 +63,7 @@ def track_bone_lengths(
 
     flat = np.linalg.norm(picture[:, children] - picture[:, parents], axis=-1)
     longest = both_sides(flat, _LONGEST)
-    longest = np.fmax(longest, longest[pair])
+    longest = likely_projections(np.fmax(longest, longest[pair]), body_mm)
     solid = both_sides(np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1), _TYPICAL)
     solid = (solid + solid[pair]) / 2
     ratio = np.sort((longest / body_mm)[np.isfinite(longest)])

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from dance2pose import skeleton as skeletons
 from dance2pose.lifting import depth, limits
-from dance2pose.lifting.bones import track_bone_lengths, with_bone_lengths
+from dance2pose.lifting.bones import likely_projections, track_bone_lengths, with_bone_lengths
 from dance2pose.lifting.depth import Depth
 from dance2pose.lifting.flips import settle_depths
 from dance2pose.lifting.lifted import Lifted, Observed
@@ -194,7 +194,7 @@ def _answers(observed: Observed, stretches: list[IntArray]) -> Depth:
     if observed.independent:
         rows = stretches[0]
         return depth.predict(xy[rows], confidence[rows], 1.0, body17=body17, independent=True)
-    longest = longest_projections(xy[None])[0]
+    longest = likely_projections(longest_projections(xy[None])[0], body_bones_mm(observed.skeleton))
     return depth.joined(
         [
             depth.predict_at(
