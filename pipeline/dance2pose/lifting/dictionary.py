@@ -85,7 +85,7 @@ class Dictionary:
         """Bone vectors (N, 3 (J - 1)) of poses (N, J, 3)."""
         parents, children = np.array(skeletons.get(self.skeleton).bones).T
         bones: FloatArray = xyz[:, children] - xyz[:, parents]
-        return bones.reshape(len(xyz), -1)
+        return bones.reshape(len(xyz), 3 * (self.joints - 1))
 
     def pose(self, active: npt.NDArray[np.int64], coefficients: FloatArray) -> FloatArray:
         """Poses (N, J, 3) mm in body axes of active atoms (N, k) and coefficients (N, k)."""
@@ -141,6 +141,8 @@ def read(path: Path) -> Dictionary:
             )
     if len(atoms) == 0:
         raise DataError(f"{path}: holds no atoms")
-    # float32 in the file leaves norms a little off one.
-    atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
+    norms = np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
+    if (norms < 1e-6).any():
+        raise DataError(f"{path}: holds an atom without length")
+    atoms /= norms  # float32 in the file leaves them a little off one
     return Dictionary(skeleton, atoms, mean, lengths, metadata)

@@ -30,8 +30,8 @@ class LearningSettings:
 
     rate_hz: float = 15.0
     apart_mm: float = 25.0
-    clusters: int = 12
-    atoms_each: int = 14
+    clusters: int = 150
+    atoms_each: int = 4
     alike: float = 0.98
     seed: int = 20120
 
@@ -71,7 +71,7 @@ def learn(poses: FloatArray, skeleton: str, settings: LearningSettings) -> Dicti
     atoms: list[FloatArray] = []
     for cluster in range(settings.clusters):
         members = flat[label == cluster]
-        if len(members) < settings.atoms_each:
+        if not len(members):
             continue
         # Not centred on the cluster: its own mean is the first thing its basis must reach.
         _, _, directions = np.linalg.svd(members, full_matrices=False)

@@ -87,6 +87,7 @@ def lift_points(
             xyz,
             offset / camera.scale[:, None, None],
             seen,
+            found.residual / camera.scale,
             skeletons.get(poses.skeleton),
             poses.bone_lengths,
             limits,
