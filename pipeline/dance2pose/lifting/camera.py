@@ -44,8 +44,11 @@ def centred(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
 
     An axis without any weight is left as it is.
     """
-    total = weights.sum(axis=-2)
-    mean = (weights * values).sum(axis=-2) / np.where(total > 0, total, 1)
+    by_axis, joints_last = np.swapaxes(weights, -1, -2), np.swapaxes(values, -1, -2)
+    total = by_axis.sum(axis=-1)
+    share = by_axis / np.where(total > 0, total, 1)[..., None]
+    # As a product of matrices, several times as fast as a sum over joints.
+    mean: FloatArray = (share[..., None, :] @ joints_last[..., None])[..., 0, 0]
     return values - mean[..., None, :], mean
 
 
