@@ -88,9 +88,7 @@ class Settings:
             or (self.person.isdecimal() and int(self.person) >= 1),
             f"--person {self.person}: expected auto, all, largest, central or a number from 1",
         )
-        _require(
-            self.start is None or self.start >= 0, f"--start {self.start}: expected 0 or more"
-        )
+        _require(self.start is None or self.start >= 0, f"--start {self.start}: expected 0 or more")
         _require(
             self.end is None or self.end > (self.start or 0),
             f"--end {self.end}: expected more than --start {self.start or 0}",
