@@ -31,7 +31,7 @@ from demo_training.training import (
 from figure_renderer.pool import open_pool, start_pool
 
 ROWS, BACKGROUNDS, RENDERERS = 4800, 300, 2
-STEPS = {"pose": 1450, "detector": 1430}
+CYCLES = {"pose": (3200,), "detector": (3000,)}
 
 
 def main() -> None:
@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("mocap", type=Path, help="folder of BVH takes")
     parser.add_argument("--work", type=Path, required=True, help="pool and checkpoints go here")
     parser.add_argument("--models", type=Path, help="write the ONNX models and manifests here")
-    parser.add_argument("--only", choices=sorted(STEPS), help="train only this one")
+    parser.add_argument("--only", choices=sorted(CYCLES), help="train only this one")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1000)
     arguments = parser.parse_args()
@@ -60,10 +60,10 @@ def main() -> None:
             time.sleep(2)
 
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    for name, steps in STEPS.items():
+    for name, cycles in CYCLES.items():
         if arguments.only in (None, name):
             torch.manual_seed(arguments.seed)
-            plan = Plan(steps, ROWS, arguments.seed)
+            plan = Plan(cycles, ROWS, arguments.seed)
             checkpoint = arguments.work / f"{name}.pt"
             mean = train(_task(name), plan, source, checkpoint, wait_for, device=device)
             if arguments.models is not None:

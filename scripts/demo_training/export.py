@@ -65,7 +65,7 @@ def _manifest(name: str) -> Manifest:
         input_width=DETECTOR_INPUT,
         input_height=DETECTOR_INPUT,
         resize="stretch",
-        score_threshold=0.3,
+        score_threshold=0.25,
         nms_threshold=0.5,
         name="dance2pose demo detector",
         **common,

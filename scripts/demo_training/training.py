@@ -29,18 +29,23 @@ from demo_training.networks import (
 
 BATCH = 32
 FIRST_ROWS, ROWS_PER_STEP = 800, 4
-WARM_UP_STEPS, DECAY_PART = 60, 0.3
+WARM_UP_STEPS, DECAY_PART, RESTART_PART = 60, 0.3, 0.6
 ABSENT_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
 class Plan:
-    """steps: of BATCH examples. rows: of the pool. seed: of the examples and the first weights."""
+    """cycles: steps of BATCH examples, each cycle ending with a learning rate of zero. rows: of
+    the pool. seed: of the examples and the first weights."""
 
-    steps: int
+    cycles: tuple[int, ...]
     rows: int
     seed: int
     learning_rate: float = 2e-3
+
+    @property
+    def steps(self) -> int:
+        return sum(self.cycles)
 
     def rows_at(self, step: int) -> int:
         """Rows that examples are drawn from: more and more, so that training can begin while the
@@ -48,9 +53,18 @@ class Plan:
         return min(self.rows, FIRST_ROWS + ROWS_PER_STEP * step)
 
     def rate_at(self, step: int) -> float:
-        """Warm-up, a plateau, and a linear decay to zero over the last part."""
-        left = (self.steps - step) / (self.steps * DECAY_PART)
-        return self.learning_rate * min(1.0, (step + 1) / WARM_UP_STEPS, left)
+        """Warm-up, a plateau, and a linear decay over the last part; then, where there are more
+        cycles, a lower start and a linear decay over all of each."""
+        first = self.cycles[0]
+        if step < first:
+            left = (first - step) / (first * DECAY_PART)
+            return self.learning_rate * min(1.0, (step + 1) / WARM_UP_STEPS, left)
+        step -= first
+        for cycle in self.cycles[1:]:
+            if step < cycle:
+                return self.learning_rate * RESTART_PART * (cycle - step) / cycle
+            step -= cycle
+        return 0.0
 
 
 def to_tensor(images: list[npt.NDArray[np.uint8]], device: torch.device) -> Tensor:
