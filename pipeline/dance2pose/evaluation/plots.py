@@ -59,7 +59,7 @@ def lines(
     if logarithmic:
         axes.set_yscale("log")
     axes.grid(alpha=0.3)
-    axes.legend()
+    figure.legend(loc="outside lower center", ncols=4)
     return _save(figure, path, overwrite)
 
 
@@ -85,7 +85,7 @@ def bars(
     axes.set(title=title, ylabel=y_label)
     axes.set_xticks(np.arange(len(labels)), labels, rotation=40, ha="right")
     axes.grid(axis="y", alpha=0.3)
-    axes.legend(ncols=len(groups))
+    figure.legend(loc="outside lower center", ncols=len(groups))
     return _save(figure, path, overwrite)
 
 
