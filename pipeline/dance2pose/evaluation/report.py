@@ -50,7 +50,7 @@ def evaluate(
     start = time.monotonic()
     takes = list(progress.track(read_takes(data), "reading takes", unit="take"))
     _check_takes(takes, data, settings.rate_hz)
-    _introduction(report, data, takes, settings)
+    _introduction(report, data, takes, settings, with_published=bool(published_limits))
     paper_part(report, takes, settings, progress)
     report.heading(
         "Lifters compared",
@@ -94,7 +94,12 @@ def _check_takes(takes: Sequence[Take], data: Path, rate_hz: float) -> None:
 
 
 def _introduction(
-    report: Report, data: Path, takes: Sequence[Take], settings: EvaluationSettings
+    report: Report,
+    data: Path,
+    takes: Sequence[Take],
+    settings: EvaluationSettings,
+    *,
+    with_published: bool,
 ) -> None:
     frames = sum(len(take.xyz) for take in takes)
     listed = ", ".join(f"{t.name} ({len(t.xyz)} at {t.rate_hz:g} Hz)" for t in takes)
@@ -103,6 +108,8 @@ def _introduction(
         if value != getattr(EvaluationSettings(), name):
             option = name.replace("_", "-")
             command += f" --{option}" if value is True else f" --{option} {value}"
+    if with_published:
+        command += " --authors-limits FOLDER"
     versions = (
         f"dance2pose {__version__}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
         f"Python {platform.python_version()}"
