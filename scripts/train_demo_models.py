@@ -31,7 +31,7 @@ from demo_training.training import (
 from figure_renderer.pool import open_pool, start_pool
 
 ROWS, BACKGROUNDS, RENDERERS = 4800, 300, 2
-CYCLES = {"pose": (3200,), "detector": (3000,)}
+CYCLES = {"pose": (7000,), "detector": (3000,)}
 
 
 def main() -> None:

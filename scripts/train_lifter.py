@@ -1,11 +1,11 @@
 """Train the depth network of the default lifter and write it as ONNX.
 
     python scripts/train_lifter.py SHARED/mocap/train SHARED/mocap/train_positions \
-        -o models/lifter.onnx --minutes 60
+        -o models/lifter.onnx
 
 Takes named by --hold-out are kept for tuning and calibration; the evaluation set is never given.
-Needs PyTorch and onnx (`pip install -e .[train]`); a run is repeatable from its seed up to the
-number of steps that the minutes allow (give --steps for an exact repeat).
+Needs PyTorch and onnx (`pip install -e .[train]`). The same seed and steps give the same batches in
+the same order; the weights then differ by rounding alone (threads, processor).
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, help="lifter.onnx")
     parser.add_argument("--hold-out", default=HELD_OUT)
     parser.add_argument("--all", action="store_true", help="train on the held-out takes as well")
-    parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--width", type=int, default=288)
+    parser.add_argument("--steps", type=int, default=15000)
+    parser.add_argument("--width", type=int, default=384)
     parser.add_argument("--blocks", type=int, default=3)
     parser.add_argument("--clips", type=int, default=48)
     parser.add_argument("--frames", type=int, default=24)
-    parser.add_argument("--clips-from", type=float, default=0.5, help="part of the time")
-    parser.add_argument("--rate", type=float, default=1.4e-3)
+    parser.add_argument("--clips-from", type=float, default=0.5, help="part of the steps")
+    parser.add_argument("--rate", type=float, default=1.2e-3)
     parser.add_argument("--start", type=Path, help="weights (.pt) to start from")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
@@ -78,9 +78,9 @@ def fit(
         model.parameters(), lr=options.rate, betas=(0.9, 0.98), weight_decay=0.02, fused=True
     )
     batches = _in_background(train, options)
-    began, step, total = time.monotonic(), 0, 0.0
-    while (done := (time.monotonic() - began) / (60 * options.minutes)) < 1:
-        warm = min(1.0, (step + 1) / 200)
+    began, total = time.monotonic(), 0.0
+    for step in range(1, options.steps + 1):
+        warm, done = min(1.0, step / 200), step / options.steps
         for group in optimiser.param_groups:
             group["lr"] = options.rate * warm * (0.5 * (1 + np.cos(np.pi * done)) + 0.003)
         loss = batch_loss(model, batches.get())
@@ -88,7 +88,6 @@ def fit(
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         optimiser.step()
-        step += 1
         if step % 4 == 0:
             follow(average, model, max(0.01, 10 / (step + 10)))
         total += loss.item()
@@ -96,7 +95,7 @@ def fit(
             minutes = (time.monotonic() - began) / 60
             print(f"{step:6d} {minutes:6.1f} min loss {total / 100:.4f}", flush=True)
             total = 0.0
-        if step % 400 == 0:
+        if step % 500 == 0:
             report(average, held)
             torch.save(average.state_dict(), options.output.with_suffix(".pt"))
             export(average, options.output)
@@ -115,20 +114,18 @@ def _in_background(train: TakeStore, options: argparse.Namespace) -> queue.Queue
     """Batches made on another thread.
 
     Single pictures are many different poses for the same work, so most batches are of them until
-    `--clips-from` of the time has passed, and one in four after that.
+    `--clips-from` of the steps have passed, and one in four after that.
     """
     made: queue.Queue[Views] = queue.Queue(maxsize=3)
 
     def work() -> None:
         rng = np.random.default_rng(options.seed)
-        began = time.monotonic()
-        while True:
-            early = time.monotonic() - began < 60 * options.minutes * options.clips_from
-            for kind in range(4):
-                clips, frames = options.clips, options.frames
-                if kind == 0 or (early and kind < 3):
-                    clips, frames = clips * frames, 1
-                made.put(random_views(train, rng, count=clips, length=frames))
+        for step in range(options.steps):
+            early, kind = step < options.clips_from * options.steps, step % 4
+            clips, frames = options.clips, options.frames
+            if kind == 0 or (early and kind < 3):
+                clips, frames = clips * frames, 1
+            made.put(random_views(train, rng, count=clips, length=frames))
 
     threading.Thread(target=work, daemon=True).start()
     return made

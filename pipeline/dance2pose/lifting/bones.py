@@ -81,6 +81,20 @@ def track_bone_lengths(
     return lengths, np.clip(unseen, _LEAST_SPREAD, _PRIOR_SPREAD)
 
 
+def body_sizes(xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray) -> FloatArray:
+    """How large (N,) the bodies of poses (N, J, 3) are, compared with the one body (J - 1,)."""
+    parents, children = np.array(skeleton.bones).T
+    lengths = np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1)
+    return np.asarray(lengths.sum(axis=1) / body_mm.sum())
+
+
+def least_body_sizes(xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray) -> FloatArray:
+    """The same (N,) from the bones that look longest: no bone looks longer than it is."""
+    parents, children = np.array(skeleton.bones).T
+    flat = np.linalg.norm(xyz[:, children, :2] - xyz[:, parents, :2], axis=-1)
+    return np.asarray(np.sort(flat / body_mm, axis=1)[:, -3:].mean(axis=1))
+
+
 def with_bone_lengths(
     xyz: FloatArray,
     variance: FloatArray,

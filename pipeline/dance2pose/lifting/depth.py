@@ -54,19 +54,12 @@ def predict(
     *,
     body17: bool,
     longest: FloatArray | None = None,
-    independent: bool = False,
 ) -> Depth:
     """Depths of T frames at an even rate.
 
     xy: (T, J, 2) y up, NaN where missing. confidence: (T, J) in 0..1. longest: (J - 1,) of the
-    whole track that the frames are part of. independent: every frame by itself.
+    whole track that the frames are part of.
     """
-    if independent:
-        parts = [
-            _answer(xy[rows, None], confidence[rows, None], body17, None)
-            for rows in _slices(len(xy), _CHUNK)
-        ]
-        return joined([_squeezed(part) for part in parts])
     if longest is None:
         longest = longest_projections(xy[None])[0]
     stride = max(1, round(rate_hz / RATE_HZ))
@@ -77,6 +70,26 @@ def predict(
         part = _interleaved(xy[low:high], confidence[low:high], stride, body17, longest)
         parts.append(_taken(part, slice(rows.start - low, rows.stop - low)))
     return joined(parts)
+
+
+def predict_frames(
+    xy: FloatArray, confidence: FloatArray, *, body17: bool, longest: FloatArray | None = None
+) -> Depth:
+    """Depths of T frames that have nothing to do with each other.
+
+    As `predict`, but longest: (T, J - 1), the length of every bone in each frame, in its unit; by
+    default what the frame shows of it.
+    """
+    parts = [
+        _answer(
+            xy[rows, None],
+            confidence[rows, None],
+            body17,
+            None if longest is None else longest[rows],
+        )
+        for rows in _slices(len(xy), _CHUNK)
+    ]
+    return joined([_squeezed(part) for part in parts])
 
 
 def predict_at(
@@ -153,14 +166,17 @@ def _interleaved(
 def _answer(
     xy: FloatArray, confidence: FloatArray, body17: bool, longest: FloatArray | None
 ) -> Depth:
-    """Answers (B, T, ...) for clips (B, T, J, 2): the mean of the clip's and of its mirror's."""
+    """Answers (B, T, ...) for clips (B, T, J, 2): the mean of the clip's and of its mirror's.
+
+    longest: (J - 1,) or (B, J - 1).
+    """
     sides = []
     for mirrored in (False, True):
         order = _MIRROR if mirrored else np.arange(JOINTS)
         sign = np.array([-1.0 if mirrored else 1.0, 1.0])
         known = None
         if longest is not None:
-            known = np.broadcast_to(longest[order[1:] - 1], (len(xy), JOINTS - 1))
+            known = np.broadcast_to(longest[..., order[1:] - 1], (len(xy), JOINTS - 1))
         given = network_input(
             xy[:, :, order] * sign,
             confidence[:, :, order],

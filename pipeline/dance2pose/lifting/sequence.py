@@ -16,7 +16,13 @@ import numpy.typing as npt
 
 from dance2pose import skeleton as skeletons
 from dance2pose.lifting import depth, limits
-from dance2pose.lifting.bones import likely_projections, track_bone_lengths, with_bone_lengths
+from dance2pose.lifting.bones import (
+    body_sizes,
+    least_body_sizes,
+    likely_projections,
+    track_bone_lengths,
+    with_bone_lengths,
+)
 from dance2pose.lifting.depth import Depth
 from dance2pose.lifting.flips import settle_depths
 from dance2pose.lifting.lifted import Lifted, Observed
@@ -192,8 +198,7 @@ def _stretches(observed: Observed) -> list[IntArray]:
 def _answers(observed: Observed, stretches: list[IntArray]) -> Depth:
     xy, confidence, body17 = observed.xy, observed.confidence, observed.skeleton == "body17"
     if observed.independent:
-        rows = stretches[0]
-        return depth.predict(xy[rows], confidence[rows], 1.0, body17=body17, independent=True)
+        return _answers_alone(xy[stretches[0]], confidence[stretches[0]], observed.skeleton)
     longest = likely_projections(longest_projections(xy[None])[0], body_bones_mm(observed.skeleton))
     return depth.joined(
         [
@@ -203,6 +208,25 @@ def _answers(observed: Observed, stretches: list[IntArray]) -> Depth:
             for rows in stretches
         ]
     )
+
+
+def _answers_alone(xy: FloatArray, confidence: FloatArray, skeleton: str) -> Depth:
+    """Every frame by itself: first as it is; then, once its size is known, as the one body's.
+
+    A single picture does not tell the dancer's proportions; those of the one body are taken, as
+    the dictionary of the paper's method does.
+    """
+    body17, tree = skeleton == "body17", skeletons.get(skeleton)
+    body = body_bones_mm(skeleton)
+    first = depth.predict_frames(xy, confidence, body17=body17)
+    size = _sizes_alone(first.xyz, tree, body) * first.scale
+    seen = np.isfinite(longest_projections(xy[:, np.newaxis]))
+    longest = np.where(seen, size[:, np.newaxis] * body, np.nan)
+    return depth.predict_frames(xy, confidence, body17=body17, longest=longest)
+
+
+def _sizes_alone(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
+    return np.maximum(body_sizes(xyz, tree, body), least_body_sizes(xyz, tree, body))
 
 
 def _one_body(
@@ -217,7 +241,7 @@ def _one_body(
     size: FloatArray
     if observed.independent:  # so far apart that nothing flows
         times = 1e3 * np.arange(len(rows))
-        size = np.maximum(_sizes(answer.xyz, tree, body), _least_sizes(answer.xyz, tree, body))
+        size = _sizes_alone(answer.xyz, tree, body)
     else:
         size = _growth(answer, parts, times, tree, body)
     xyz: FloatArray = answer.xyz / size[:, None, None]
@@ -273,7 +297,7 @@ def _growth(
 
     The network's own sizes waver by _SIZE_ERROR; what they vary more than that is the dancer's way.
     """
-    grown = np.log(_sizes(answer.xyz * answer.scale[:, None, None], tree, body))
+    grown = np.log(body_sizes(answer.xyz * answer.scale[:, None, None], tree, body))
     for part in parts:
         grown[part] = smooth_path(
             grown[part], np.array(1.0), times[part], acceleration=1 / _SIZE_S**2
@@ -303,20 +327,6 @@ def _seen_and_said(
     xyz[..., :2] += trust * (np.where(seen[..., None], picture, 0.0) - xyz[..., :2])
     sigma[..., :2] *= np.sqrt(1 - trust)
     return xyz, sigma
-
-
-def _sizes(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
-    """How large (N,) the bodies of poses are, compared with the one body."""
-    parents, children = np.array(tree.bones).T
-    lengths = np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1)
-    return np.asarray(lengths.sum(axis=1) / body.sum())
-
-
-def _least_sizes(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
-    """The same (N,) from the bones that look longest: no bone looks longer than it is."""
-    parents, children = np.array(tree.bones).T
-    flat = np.linalg.norm(xyz[:, children, :2] - xyz[:, parents, :2], axis=-1)
-    return np.asarray(np.sort(flat / body, axis=1)[:, -3:].mean(axis=1))
 
 
 def _drawn(xyz: FloatArray, scale: FloatArray, xy: FloatArray) -> FloatArray:
