@@ -126,7 +126,9 @@ class _Moments:
         """Scale (N,) in closed form, and the sum (N,) less what no camera can change."""
         along = (rotation * self.cross).sum(axis=(1, 2))
         size = np.einsum("nccc->n", turned)
-        scale = np.maximum(along, 1e-9 * size) / np.maximum(size, 1e-300)
+        # A frame of which nothing is seen gets a scale of 1, which the weights make irrelevant.
+        seen = size > 0
+        scale = np.where(seen, np.maximum(along, 1e-9 * size) / np.where(seen, size, 1.0), 1.0)
         return scale, scale * (scale * size - 2 * along)
 
     def gauss_newton(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +94,9 @@ class Dictionary:
         return flat.reshape(-1, self.joints, 3)
 
 
+@lru_cache
 def load(skeleton: str) -> Dictionary:
-    """The dictionary that comes with dance2pose for a lifting skeleton."""
+    """The dictionary that comes with dance2pose for a lifting skeleton, read once."""
     known = skeletons.get(skeleton)
     if not known.is_tree:
         raise UsageError(

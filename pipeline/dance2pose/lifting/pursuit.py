@@ -15,8 +15,10 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from dance2pose.lifting.camera import WeakPerspective, rotation_from_vector
 from dance2pose.lifting.dictionary import Dictionary
@@ -65,9 +67,16 @@ def pursue(
         return frames.run(frames.first_camera().rotation)
 
     firsts = range(0, max(len(observed), 1), _CHUNK)
-    # NumPy lets other threads run while it computes.
-    with ThreadPoolExecutor(min(len(firsts), os.cpu_count() or 1)) as threads:
+    # NumPy lets other threads run while it computes. Its own threads, as many for every call, cost
+    # more than they bring: with them two cores do half as many frames.
+    cores = min(len(firsts), os.cpu_count() or 1)
+    with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(cores) as threads:
         return _joined(list(threads.map(chunk, firsts)))
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()  # looks through the loaded libraries once
 
 
 def _check(
