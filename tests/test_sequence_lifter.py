@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dance2pose.errors import UsageError
 from dance2pose.lifting import limits
 from dance2pose.lifting.lift import lift
 from dance2pose.lifting.lifted import Observed
@@ -210,7 +211,7 @@ def test_other_skeletons(shared: Path, skeleton: str) -> None:
     for j, name in enumerate(names):
         known = aliases.get(name, name)
         if known in get(source).joints:
-            xy[:, j] = motion[:, get(source).index(known), :2]
+            xy[:, j] = motion[:, get(source).index(known), :2] * 0.2 + [300.0, -220.0]
     given = observed(motion, xy=xy, confidence=np.isfinite(xy[..., 0]).astype(float))
     result = lift(track(given, skeleton))
     kept = "paper15" if skeleton == "paper15" else "body17"
@@ -220,6 +221,29 @@ def test_other_skeletons(shared: Path, skeleton: str) -> None:
         assert aligned_error(result.xyz * 1650, motion) < 60
         toes = [get("body17").index(f"{s}_toe") for s in ("left", "right")]
         assert result.estimated[:, toes].all() == (skeleton == "coco17")
+
+
+def test_real_cameras_are_perspective_unless_the_picture_is_not_known(take: Take) -> None:
+    given = track(observed(resample(take, 30.0).xyz[:30]))
+    assert lift(given).root is not None
+    assert lift(given, camera="weak-perspective").root is None
+    unknown = replace(given, image_size=(0, 0))
+    np.testing.assert_array_equal(lift(unknown).xyz, lift(given, camera="weak-perspective").xyz)
+    with pytest.raises(UsageError, match="size of its picture is not known"):
+        lift(unknown, camera="perspective")
+
+
+def test_perspective_footage_is_lifted_better_as_such(take: Take) -> None:
+    truth = resample(take, 30.0)
+    assert truth.root is not None
+    world = truth.xyz + (truth.root - truth.root[:1] + [0.0, -300.0, -3500.0])[:, None]
+    focal = WIDTH / 2 / np.tan(np.radians(25.0))
+    xy = -focal * world[..., :2] / world[..., 2:] + [(WIDTH - 1) / 2, -(HEIGHT - 1) / 2]
+    seen = track(observed(truth.xyz, xy=xy))
+    weak = aligned_error(lift(seen, camera="weak-perspective").xyz, truth.xyz)
+    assert aligned_error(lift(seen, fov_deg=50.0).xyz, truth.xyz) < weak
+    # A field of view that is a third off costs less than an orthographic camera does.
+    assert aligned_error(lift(seen, fov_deg=35.0).xyz, truth.xyz) < weak
 
 
 def test_height_sets_metres(take: Take) -> None:

@@ -48,10 +48,11 @@ class Settings:
     """How 2D becomes 3D: the whole sequence at once, or the paper's pursuit frame by frame."""
     height: float | None = None
     """Body height of the dancer in metres; without it, lengths are in body heights."""
-    camera: Literal["weak-perspective", "perspective"] = "weak-perspective"
-    """Camera model; perspective also solves the path of the dancer through the room."""
+    camera: Literal["auto", "weak-perspective", "perspective"] = "auto"
+    """Camera model; perspective, which auto is but for the paper's lifter, also solves the path of
+    the dancer through the room."""
     fov: float | None = None
-    """Horizontal field of view in degrees, for the perspective camera."""
+    """Horizontal field of view in degrees, for the perspective camera; assumed if not given."""
     start: float | None = None
     """First second of the video to process."""
     end: float | None = None

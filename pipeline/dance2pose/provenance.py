@@ -189,16 +189,16 @@ def describe_run(
     settings: object,
     dancers: Sequence[Dancer],
     *,
-    picture: str,
+    stages: Mapping[str, str],
 ) -> Provenance:
-    """The provenance of a finished run over a video."""
+    """The provenance of a finished run over a video. stages: what else it did, and how."""
     loaded = {"detector": models.detector, "keypoints": models.estimator}
     return Provenance(
         source=describe_video(frames.info, frames_read=frames.frames_read),
         models={role: describe_model(m.description) for role, m in loaded.items() if m},
         settings=describe_settings(settings),
         stages={
-            "picture": picture,
+            **stages,
             "deinterlaced": "yes" if frames.deinterlaced else "no",
             **describe_dancers(dancers),
         },

@@ -16,7 +16,7 @@ from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.inference import default_threads
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
-from dance2pose.lifting.lift import lift
+from dance2pose.lifting.lift import describe_camera, lift
 from dance2pose.output_files import check_output
 from dance2pose.poses import Boxes, Dancer, Frame, Image, Poses2D, Track2D
 from dance2pose.progress import Progress, Silent
@@ -125,9 +125,11 @@ def reconstruct(
             tracks = observe(frames, models, recording, settings=settings, progress=progress)
             progress.say(f"lifting {len(tracks)} of the dancers found to 3D")
             dancers = [to_3d(track, settings) for track in tracks]
-            provenance = describe_run(
-                frames, models, settings, dancers, picture=f"{picture}: {reason}"
-            )
+            stages = {
+                "picture": f"{picture}: {reason}",
+                "camera": describe_camera(settings.camera, settings.lifter, settings.fov),
+            }
+            provenance = describe_run(frames, models, settings, dancers, stages=stages)
             recording.write(dancers, provenance)
             files = _write_npz(output, dancers, settings, overwrite=overwrite)
     return _summary(output, files, dancers, frames.frames_read, provenance)

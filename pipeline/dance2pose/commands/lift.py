@@ -22,7 +22,7 @@ def lift(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     lifter: Literal["default", "paper"] = "default",
-    camera: Literal["weak-perspective", "perspective"] = "weak-perspective",
+    camera: Literal["auto", "weak-perspective", "perspective"] = "auto",
     fov: float | None = None,
     height: float | None = None,
     independent: bool = False,
@@ -44,9 +44,10 @@ def lift(
     lifter
         default looks at the whole track; paper lifts every frame alone.
     camera
-        Camera model; perspective also solves the path of the dancer through the room.
+        Camera model; perspective, which auto is but for the paper's lifter, also solves the path
+        of the dancer through the room.
     fov
-        Horizontal field of view in degrees, for the perspective camera.
+        Horizontal field of view in degrees, for the perspective camera; assumed if not given.
     height
         Body height of the dancer in metres; without it, lengths are in body heights.
     independent

@@ -16,6 +16,9 @@ _PRIOR_SPREAD, _NETWORK_SPREAD = 0.04, 0.05
 # The projection of a bone taken for its longest, and the length that the network gives it taken
 # for its true one: it errs short where it is unsure which end is nearer.
 _LONGEST, _TYPICAL = 0.95, 0.75
+# The first where bones seem to vary in length by this part or more: the longest projections are
+# then those that err that way.
+_LONGEST_UNSTEADY, _UNSTEADY = 0.8, 0.02
 _LONGEST_LIKELY = 1.12
 # A bone that looks longer than this, beside the median of the dancer's bones, was not seen rightly.
 _TOO_LONG = 1.25
@@ -39,13 +42,19 @@ def likely_projections(longest: FloatArray, body_mm: FloatArray) -> FloatArray:
 
 
 def track_bone_lengths(
-    picture: FloatArray, xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray
+    picture: FloatArray,
+    xyz: FloatArray,
+    skeleton: Skeleton,
+    body_mm: FloatArray,
+    *,
+    wobble: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """The bone lengths (J - 1,) of one dancer, from a whole track, and how uncertain each is, as a
     part of it.
 
     picture: (T, J, 2) where joints were seen, NaN where not. xyz: (T, J, 3) with the network's
-    depths, in the same unit. body_mm: (J - 1,) of the one body, left and right alike.
+    depths, in the same unit. body_mm: (J - 1,) of the one body, left and right alike. wobble: how
+    much bones seem to vary in length from frame to frame, as a part of it.
 
     The camera shows a bone at full length whenever the bone lies across the view. Over a track
     most bones do at some time, so those that look longest, compared with the one body, tell the
@@ -62,7 +71,8 @@ def track_bone_lengths(
         return out
 
     flat = np.linalg.norm(picture[:, children] - picture[:, parents], axis=-1)
-    longest = both_sides(flat, _LONGEST)
+    unsteady = min(wobble / _UNSTEADY, 1.0)
+    longest = both_sides(flat, _LONGEST + unsteady * (_LONGEST_UNSTEADY - _LONGEST))
     longest = likely_projections(np.fmax(longest, longest[pair]), body_mm)
     solid = both_sides(np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1), _TYPICAL)
     solid = (solid + solid[pair]) / 2
@@ -78,21 +88,7 @@ def track_bone_lengths(
     # Longer than people's bones are: keypoints that are wrong for much of the track.
     lengths = np.fmax(expected, np.fmin(longest, _LONGEST_LIKELY * expected))
     unseen = np.abs(np.nan_to_num((lengths - longest) / lengths, nan=1.0))
-    return lengths, np.clip(unseen, _LEAST_SPREAD, _PRIOR_SPREAD)
-
-
-def body_sizes(xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray) -> FloatArray:
-    """How large (N,) the bodies of poses (N, J, 3) are, compared with the one body (J - 1,)."""
-    parents, children = np.array(skeleton.bones).T
-    lengths = np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1)
-    return np.asarray(lengths.sum(axis=1) / body_mm.sum())
-
-
-def least_body_sizes(xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray) -> FloatArray:
-    """The same (N,) from the bones that look longest: no bone looks longer than it is."""
-    parents, children = np.array(skeleton.bones).T
-    flat = np.linalg.norm(xyz[:, children, :2] - xyz[:, parents, :2], axis=-1)
-    return np.asarray(np.sort(flat / body_mm, axis=1)[:, -3:].mean(axis=1))
+    return lengths, np.hypot(np.clip(unseen, _LEAST_SPREAD, _PRIOR_SPREAD), wobble)
 
 
 def with_bone_lengths(

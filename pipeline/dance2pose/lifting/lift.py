@@ -8,12 +8,13 @@ from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting import limits
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
+from dance2pose.lifting.perspective import ASSUMED_FOV
 from dance2pose.mocap.corpus import BODY_HEIGHT_MM
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
 
 # Each is imported when it is asked for: the default one brings its network with it.
 LIFTERS = ("default", "paper")
-CAMERAS = ("weak-perspective", "perspective")
+CAMERAS = ("auto", "weak-perspective", "perspective")
 
 
 def lift(
@@ -22,7 +23,7 @@ def lift(
     lifter: str = "default",
     height_m: float | None = None,
     independent: bool = False,
-    camera: str = "weak-perspective",
+    camera: str = "auto",
     fov_deg: float | None = None,
 ) -> Track3D:
     """The 3D poses of one dancer, one for every frame of the track.
@@ -31,7 +32,7 @@ def lift(
     the whole track. height_m: the dancer's body height, for a result in metres; without it the
     unit is the body height. independent: the frames are unrelated pictures, so that nothing flows
     between them. camera, fov_deg: the camera model, and its horizontal field of view in degrees
-    where that is known.
+    where that is known; see `camera_model`.
 
     The result is in the track's lifting skeleton (body17 for keypoint skeletons), in world axes as
     the camera sees them, first joint at the origin; frames of which nothing is known are NaN.
@@ -40,7 +41,15 @@ def lift(
     """
     if height_m is not None and not 0.3 <= height_m <= 3:
         raise UsageError(f"body height of {height_m} m; expected metres, 0.3 to 3")
-    observed = observe(track, independent=independent, camera=camera, fov_deg=fov_deg)
+    model = camera_model(camera, lifter)
+    if model == "perspective" and min(track.image_size) <= 0:
+        if camera == model:
+            raise UsageError(
+                f"track of person {track.person}: the size of its picture is not known, which a "
+                "perspective camera needs; give the size, or take the weak-perspective camera"
+            )
+        model = "weak-perspective"
+    observed = observe(track, independent=independent, camera=model, fov_deg=fov_deg)
     lift_frames = _lifter(lifter)
     seen = np.isfinite(observed.xy).all(axis=2)
     lifted = lift_frames(observed) if seen.any() else _nothing(observed)
@@ -63,6 +72,28 @@ def lift(
     )
 
 
+def camera_model(camera: str, lifter: str) -> str:
+    """What "auto" stands for: perspective, as real cameras are, where the lifter can (and, in
+    `lift`, where the size of the picture is known).
+
+    Video lifted as if it were orthographic has half as large an error again, and a field of view
+    that is assumed wrongly by a third costs far less than none (models/README.md).
+    """
+    if camera not in CAMERAS:
+        raise UsageError(f"unknown camera {camera!r}; known: {', '.join(CAMERAS)}")
+    if camera != "auto":
+        return camera
+    return "weak-perspective" if lifter == "paper" else "perspective"
+
+
+def describe_camera(camera: str, lifter: str, fov_deg: float | None) -> str:
+    """The camera model of a run, and what it assumes, as a phrase for its provenance."""
+    if camera_model(camera, lifter) == "weak-perspective":
+        return "weak-perspective: poses without a path through the room"
+    known = "as given" if fov_deg is not None else ASSUMED_FOV
+    return f"perspective and standing still, field of view {known}"
+
+
 def observe(
     track: Track2D,
     *,
@@ -79,8 +110,6 @@ def observe(
             f"track of person {track.person}: {track.xy.shape[1]} keypoints, "
             f"{source.name} has {len(source)}"
         )
-    if camera not in CAMERAS:
-        raise UsageError(f"unknown camera {camera!r}; known: {', '.join(CAMERAS)}")
     if np.isinf(track.xy).any() or not np.isfinite(track.confidence).all():
         raise DataError(
             f"track of person {track.person}: infinite keypoints, or a confidence that is not a "

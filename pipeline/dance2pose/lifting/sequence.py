@@ -12,13 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from dance2pose import skeleton as skeletons
 from dance2pose.lifting import depth, limits
 from dance2pose.lifting.bones import (
-    body_sizes,
-    least_body_sizes,
     likely_projections,
     track_bone_lengths,
     with_bone_lengths,
@@ -29,13 +26,11 @@ from dance2pose.lifting.lifted import Lifted, Observed
 from dance2pose.lifting.network import longest_projections
 from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights
 from dance2pose.lifting.perspective import camera_of, place, seen_straight, towards
+from dance2pose.lifting.sizes import SIZE_ERROR, growth, sizes
 from dance2pose.lifting.smoothness import frame_noise, smooth_path
 from dance2pose.lifting.trajectory import floor_level, follow_floor
 from dance2pose.mocap.corpus import body_bones_mm, retarget
-from dance2pose.poses import FloatArray
-from dance2pose.skeleton import Skeleton
-
-IntArray = npt.NDArray[np.int64]
+from dance2pose.poses import FloatArray, IntArray
 
 # A dancer who is out of sight for longer than this is not guessed at.
 LONGEST_GAP_S = 0.5
@@ -43,7 +38,6 @@ LONGEST_GAP_S = 0.5
 # much stays: only the first can be smoothed away.
 _FLICKER = 0.25
 _LEAST_NOISE_MM = 1.0
-_SIZE_ERROR = 0.025
 # How often at most the effects of nearness are undone, and the change of size that has none.
 _PASSES, _STEADY = 3, 0.04
 # How far a bone of the wrong length is stretched rather than turned: as a part of the error of its
@@ -51,9 +45,8 @@ _PASSES, _STEADY = 3, 0.04
 _RADIAL = 0.7
 # The network's error across the view, as a part of that of the position.
 _ACROSS = 1.3
-# Size of the figure in the picture: its changes over this many seconds are the dancer's way
-# towards the camera, quicker ones are errors.
-_SIZE_S = 1.5
+# Beside this length, noise of the keypoints says how much bones seem to vary in length.
+_TYPICAL_BONE_MM = 400.0
 
 
 @dataclass(frozen=True)
@@ -123,10 +116,15 @@ def _solved(
     focal length each joint. Once poses are found this is undone, and all is found again.
     """
     rows = np.concatenate(stretches)
-    level, grown = observed, np.ones(len(rows))
+    level: Observed = observed
+    grown: FloatArray = np.ones(len(rows))
+    if not observed.independent:
+        grown = _growth_alone(observed, stretches)
+        level = _shrunk(observed, rows, 1 / grown[:, None, None])
     for step in range(_PASSES):
         answer = _answers(level, stretches)
-        found, spread, size = _one_body(answer, level, stretches, settings)
+        steady = focal_px is None and float(np.ptp(grown)) < _STEADY
+        found, spread, size = _one_body(answer, level, stretches, settings, steady=steady)
         size = size * grown
         now = size / np.median(size) if not observed.independent else np.ones(len(rows))
         if step == _PASSES - 1 or (focal_px is None and np.abs(now / grown - 1).max() < _STEADY):
@@ -136,10 +134,28 @@ def _solved(
         if focal_px is not None:
             nearer = found[..., 2:] - found[:, :1, 2:]
             shrink = shrink * np.clip(1 - nearer * (size / focal_px)[:, None, None], 0.5, 1.5)
-        xy = observed.xy.copy()
-        xy[rows] *= shrink
-        level = replace(observed, xy=xy)
+        level = _shrunk(observed, rows, shrink)
     return found, spread, size
+
+
+def _shrunk(observed: Observed, rows: IntArray, factor: FloatArray) -> Observed:
+    xy = observed.xy.copy()
+    xy[rows] *= factor
+    return replace(observed, xy=xy)
+
+
+def _growth_alone(observed: Observed, stretches: list[IntArray]) -> FloatArray:
+    """How the figure grows (N,), from what the frames show by themselves.
+
+    Something that knows nothing of the track has to begin: how long a bone ever looked tells
+    little where the dancer comes near and goes away.
+    """
+    rows = np.concatenate(stretches)
+    parts = np.split(np.arange(len(rows)), np.cumsum([len(s) for s in stretches])[:-1])
+    tree, body = skeletons.get(observed.skeleton), body_bones_mm(observed.skeleton)
+    answer = _answers_alone(observed.xy[rows], observed.confidence[rows], observed.skeleton)
+    size = sizes(answer.xyz, tree, body) * answer.scale
+    return growth(size, answer.sigma, parts, observed.time_s[rows])
 
 
 def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lifted:
@@ -219,21 +235,22 @@ def _answers_alone(xy: FloatArray, confidence: FloatArray, skeleton: str) -> Dep
     body17, tree = skeleton == "body17", skeletons.get(skeleton)
     body = body_bones_mm(skeleton)
     first = depth.predict_frames(xy, confidence, body17=body17)
-    size = _sizes_alone(first.xyz, tree, body) * first.scale
+    size = sizes(first.xyz, tree, body) * first.scale
     seen = np.isfinite(longest_projections(xy[:, np.newaxis]))
     longest = np.where(seen, size[:, np.newaxis] * body, np.nan)
     return depth.predict_frames(xy, confidence, body17=body17, longest=longest)
 
 
-def _sizes_alone(xyz: FloatArray, tree: Skeleton, body: FloatArray) -> FloatArray:
-    return np.maximum(body_sizes(xyz, tree, body), least_body_sizes(xyz, tree, body))
-
-
 def _one_body(
-    answer: Depth, observed: Observed, stretches: list[IntArray], settings: SequenceSettings
+    answer: Depth,
+    observed: Observed,
+    stretches: list[IntArray],
+    settings: SequenceSettings,
+    *,
+    steady: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Poses (N, J, 3) of one dancer in the rows of all stretches, the scale (N, J) of their errors
-    and px a mm in each (N,)."""
+    and px a mm in each (N,). steady: nothing but noise makes its bones seem to grow and shrink."""
     rows = np.concatenate(stretches)
     parts = np.split(np.arange(len(rows)), np.cumsum([len(s) for s in stretches])[:-1])
     tree, body = skeletons.get(observed.skeleton), body_bones_mm(observed.skeleton)
@@ -241,9 +258,10 @@ def _one_body(
     size: FloatArray
     if observed.independent:  # so far apart that nothing flows
         times = 1e3 * np.arange(len(rows))
-        size = _sizes_alone(answer.xyz, tree, body)
+        size = sizes(answer.xyz, tree, body)
     else:
-        size = _growth(answer, parts, times, tree, body)
+        looks = sizes(answer.xyz, tree, body) * answer.scale
+        size = growth(looks, answer.sigma, parts, times)
     xyz: FloatArray = answer.xyz / size[:, None, None]
     picture = (observed.xy[rows] - answer.centre[:, None]) / (answer.scale * size)[:, None, None]
     sigma: FloatArray = np.stack(
@@ -259,7 +277,8 @@ def _one_body(
     if not observed.independent:
         seen = np.isfinite(picture)
         flat = np.where(seen, xyz[..., :2], np.nan)
-        lengths, spread = track_bone_lengths(flat, xyz, tree, body)
+        wobble = float(np.hypot(np.median(spot) / _TYPICAL_BONE_MM, 0 if steady else SIZE_ERROR))
+        lengths, spread = track_bone_lengths(flat, xyz, tree, body, wobble=wobble)
         unit = lengths.sum() / body.sum()
         xyz, sigma, lengths, size = xyz / unit, sigma / unit, lengths / unit, size * unit
     if settings.flips:
@@ -288,23 +307,6 @@ def _one_body(
     # geometric mean is closer to the errors than either.
     left = np.sqrt(np.square(sigma).sum(axis=-1))
     return xyz, np.sqrt(left * answer.sigma / size[:, None]), answer.scale * size
-
-
-def _growth(
-    answer: Depth, parts: list[IntArray], times: FloatArray, tree: Skeleton, body: FloatArray
-) -> FloatArray:
-    """How the figure grows as the dancer comes nearer (N,), about 1 on average.
-
-    The network's own sizes waver by _SIZE_ERROR; what they vary more than that is the dancer's way.
-    """
-    grown = np.log(body_sizes(answer.xyz * answer.scale[:, None, None], tree, body))
-    for part in parts:
-        grown[part] = smooth_path(
-            grown[part], np.array(1.0), times[part], acceleration=1 / _SIZE_S**2
-        )
-    grown -= np.median(grown)
-    real = max(0.0, 1.0 - _SIZE_ERROR**2 / max(float(np.mean(grown**2)), 1e-12))
-    return np.asarray(np.exp(real * grown))
 
 
 def _spot_noise(picture: FloatArray, confidence: FloatArray, independent: bool) -> FloatArray:

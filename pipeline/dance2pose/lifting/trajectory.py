@@ -22,7 +22,7 @@ _LIFTED_MM = 70.0
 _SHORTEST_S = 0.1
 # Errors of the path found frame by frame, across the view and along it; the size of a figure
 # tells its distance far worse than its place.
-_ACROSS_MM, _ALONG_MM = 15.0, 120.0
+_ACROSS_MM, _ALONG_MM = 15.0, 60.0
 _SLIDE_MM = 1.0  # that a standing foot may move from frame to frame
 _ACCELERATION = 4000.0  # mm / s^2, of the pelvis
 
