@@ -1,8 +1,9 @@
 """Where dancers stand in the recorded world.
 
 Poses lifted from one camera are relative to the pelvis unless the lifter solved the path through
-the room. For looking at them the floor is put at y = 0, and dancers whose place is not known are
-set side by side. The poses themselves are not changed: the offset is kept apart from them.
+the room and put the floor at y = 0. Where it did not, the floor is put there for looking at them,
+and dancers are set side by side. The poses themselves are not changed: the offset is kept apart
+from them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,11 @@ from dance2pose.poses import Dancer, FloatArray, Track3D, Unit
 
 # Between pelvises set side by side: outstretched arms do not quite touch.
 _SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
+_PATHS = (
+    "Dancers move along paths estimated for a camera that stands still, over a floor levelled by "
+    "upright bodies and standing feet (y = 0). Under a camera that pans or zooms the paths mean "
+    "nothing."
+)
 
 
 @dataclass(frozen=True)
@@ -38,24 +44,21 @@ def place(dancers: Sequence[Dancer]) -> Placement:
     """Put the floor at y = 0, and dancers whose path is not known side by side."""
     if not dancers:
         return Placement(np.zeros((0, 3)), ())
-    offsets = np.zeros((len(dancers), 3))
-    floors = np.array([_floor(positions(d.smoothed)) for d in dancers])
-    unit = dancers[0].smoothed.unit
     if all(d.smoothed.root is not None for d in dancers):
-        offsets[:, 1] = -np.nanmin(floors) if np.isfinite(floors).any() else 0.0
-        notes = ["Dancers move along the path that the lifter estimated."]
-    else:
-        offsets[:, 1] = -np.nan_to_num(floors)
-        offsets[:, 0] = _side_by_side(dancers) * _SPACING[unit]
-        notes = [
-            "The path through the room is not known: every pelvis stays in place, and its height "
-            "above the floor is set once for the whole track."
-        ]
-        if len(dancers) > 1:
-            notes.append(
-                f"Dancers are set {_SPACING[unit]:g} {unit} apart, in the order in which they are "
-                "seen from left to right; the distance between them means nothing."
-            )
+        return Placement(np.zeros((len(dancers), 3)), (_PATHS,))
+    unit = dancers[0].smoothed.unit
+    offsets = np.zeros((len(dancers), 3))
+    offsets[:, 1] = -np.nan_to_num([_floor(positions(d.smoothed)) for d in dancers])
+    offsets[:, 0] = _side_by_side(dancers) * _SPACING[unit]
+    notes = [
+        "The path through the room is not known: every pelvis stays in place, and its height "
+        "above the floor is set once for the whole track."
+    ]
+    if len(dancers) > 1:
+        notes.append(
+            f"Dancers are set {_SPACING[unit]:g} {unit} apart, in the order in which they are "
+            "seen from left to right; the distance between them means nothing."
+        )
     notes += [
         f"Dancer {d.person} is shown moved by x {x:+.3f}, y {y:+.3f}, z {z:+.3f} {unit}."
         for d, (x, y, z) in zip(dancers, offsets, strict=True)

@@ -16,9 +16,9 @@ from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.inference import default_threads
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
-from dance2pose.lifting.lift import describe_camera, lift
+from dance2pose.lifting.lift import describe_camera, lift_all
 from dance2pose.output_files import check_output
-from dance2pose.poses import Boxes, Dancer, Frame, Image, Poses2D, Track2D
+from dance2pose.poses import Boxes, Dancer, Frame, Image, Poses2D, Track2D, Track3D
 from dance2pose.progress import Progress, Silent
 from dance2pose.provenance import Provenance, describe_run
 from dance2pose.recording import RecordingWriter, choose_picture, recording_id_for
@@ -124,7 +124,7 @@ def reconstruct(
         ) as recording:
             tracks = observe(frames, models, recording, settings=settings, progress=progress)
             progress.say(f"lifting {len(tracks)} of the dancers found to 3D")
-            dancers = [to_3d(track, settings) for track in tracks]
+            dancers = to_3d(tracks, settings)
             stages = {
                 "picture": f"{picture}: {reason}",
                 "camera": describe_camera(settings.camera, settings.lifter, settings.fov),
@@ -193,20 +193,26 @@ def find_ahead(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def to_3d(track: Track2D, settings: Settings) -> Dancer:
-    """Lift one dancer's keypoints and smooth the joints over time."""
-    raw = lift(
-        track,
+def to_3d(tracks: Sequence[Track2D], settings: Settings) -> list[Dancer]:
+    """Lift the dancers' keypoints and smooth the joints over time."""
+    found = lift_all(
+        tracks,
         lifter=settings.lifter,
         height_m=settings.height,
         camera=settings.camera,
         fov_deg=settings.fov,
     )
+    return [
+        Dancer(track, raw, _smoothed(raw, settings))
+        for track, raw in zip(tracks, found, strict=True)
+    ]
+
+
+def _smoothed(raw: Track3D, settings: Settings) -> Track3D:
     model = settings.temporal_model
-    smoothed = (
-        raw if model == "none" else smoothing.smooth_track(raw, model=model, window=settings.window)
-    )
-    return Dancer(track, raw, smoothed)
+    if model == "none":
+        return raw
+    return smoothing.smooth_track(raw, model=model, window=settings.window)
 
 
 def _npz_paths(output: Path, person: int | None) -> tuple[Path, Path]:

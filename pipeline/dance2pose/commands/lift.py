@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import write_poses
-from dance2pose.lifting import lift as lift_track
+from dance2pose.lifting import lift_all
 from dance2pose.output_files import check_output
 from dance2pose.pose_files import read_tracks
 from dance2pose.poses import Track3D
@@ -80,21 +80,19 @@ def lift(
     )
     if not tracks:
         raise DataError(f"{track}: no person is in it long enough to be followed")
-    found = []
-    for keypoints in tracks:
-        poses = lift_track(
-            keypoints,
-            lifter=lifter,
-            height_m=height,
-            independent=independent,
-            camera=camera,
-            fov_deg=fov,
-        )
+    found = lift_all(
+        tracks,
+        lifter=lifter,
+        height_m=height,
+        independent=independent,
+        camera=camera,
+        fov_deg=fov,
+    )
+    for poses in found:
         if np.isnan(poses.xyz).all():
             raise DataError(
-                f"{track}: person {keypoints.person}: no frame has enough keypoints to be lifted"
+                f"{track}: person {poses.person}: no frame has enough keypoints to be lifted"
             )
-        found.append(poses)
     names = [_name(output, poses, first=poses is found[0]) for poses in found]
     for name in names[1:]:
         check_output(name, overwrite=overwrite)

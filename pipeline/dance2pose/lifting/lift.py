@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting import limits
+from dance2pose.lifting.levelling import levelled
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
 from dance2pose.lifting.perspective import ASSUMED_FOV
 from dance2pose.mocap.corpus import BODY_HEIGHT_MM
@@ -26,35 +29,75 @@ def lift(
     camera: str = "auto",
     fov_deg: float | None = None,
 ) -> Track3D:
-    """The 3D poses of one dancer, one for every frame of the track.
+    """The 3D poses of one dancer; see `lift_all`."""
+    return lift_all(
+        [track],
+        lifter=lifter,
+        height_m=height_m,
+        independent=independent,
+        camera=camera,
+        fov_deg=fov_deg,
+    )[0]
+
+
+def lift_all(
+    tracks: Sequence[Track2D],
+    *,
+    lifter: str = "default",
+    height_m: float | None = None,
+    independent: bool = False,
+    camera: str = "auto",
+    fov_deg: float | None = None,
+) -> list[Track3D]:
+    """The 3D poses of the dancers in one video, one for every frame of each track.
 
     lifter: "paper" lifts every frame alone by pursuit over a pose dictionary; "default" looks at
-    the whole track. height_m: the dancer's body height, for a result in metres; without it the
+    the whole track. height_m: the dancers' body height, for a result in metres; without it the
     unit is the body height. independent: the frames are unrelated pictures, so that nothing flows
     between them. camera, fov_deg: the camera model, and its horizontal field of view in degrees
     where that is known; see `camera_model`.
 
-    The result is in the track's lifting skeleton (body17 for keypoint skeletons), in world axes as
-    the camera sees them, first joint at the origin; frames of which nothing is known are NaN.
-    Raises UsageError for an unknown skeleton, lifter, camera or a height that is no body height,
-    DataError for a track whose arrays do not fit its skeleton.
+    The result is in the tracks' lifting skeleton (body17 for keypoint skeletons), first joint at
+    the origin; frames of which nothing is known are NaN. World axes are as the camera sees them,
+    and where the path through the room is found, with the floor level at y = 0 for all dancers of
+    a shot (`levelling`). Raises UsageError for an unknown skeleton, lifter, camera or a height that
+    is no body height, DataError for a track whose arrays do not fit its skeleton.
     """
     if height_m is not None and not 0.3 <= height_m <= 3:
         raise UsageError(f"body height of {height_m} m; expected metres, 0.3 to 3")
     model = camera_model(camera, lifter)
-    if model == "perspective" and min(track.image_size) <= 0:
-        if camera == model:
-            raise UsageError(
-                f"track of person {track.person}: the size of its picture is not known, which a "
-                "perspective camera needs; give the size, or take the weak-perspective camera"
-            )
-        model = "weak-perspective"
-    observed = observe(track, independent=independent, camera=model, fov_deg=fov_deg)
-    lift_frames = _lifter(lifter)
-    seen = np.isfinite(observed.xy).all(axis=2)
-    lifted = lift_frames(observed) if seen.any() else _nothing(observed)
     per_mm = (height_m or 1.0) / BODY_HEIGHT_MM
     unit: Unit = "body heights" if height_m is None else "metres"
+    found = []
+    for track in tracks:
+        usable = _usable_model(model, track, asked=camera)
+        observed = observe(track, independent=independent, camera=usable, fov_deg=fov_deg)
+        found.append(_lift_one(track, observed, _lifter(lifter), per_mm, unit))
+    if independent:  # every picture has a camera of its own
+        return found
+    out: dict[int, Track3D] = {}
+    for shot in sorted({track.shot for track in tracks}):
+        rows = [n for n, track in enumerate(tracks) if track.shot == shot]
+        out.update(zip(rows, levelled([found[n] for n in rows], 1 / per_mm), strict=True))
+    return [out[n] for n in range(len(found))]
+
+
+def _usable_model(model: str, track: Track2D, *, asked: str) -> str:
+    if model != "perspective" or min(track.image_size) > 0:
+        return model
+    if asked == "auto":
+        return "weak-perspective"
+    raise UsageError(
+        f"track of person {track.person}: the size of its picture is not known, which a "
+        "perspective camera needs; give the size, or take the weak-perspective camera"
+    )
+
+
+def _lift_one(
+    track: Track2D, observed: Observed, lift_frames: Lifter, per_mm: float, unit: Unit
+) -> Track3D:
+    seen = np.isfinite(observed.xy).all(axis=2)
+    lifted = lift_frames(observed) if seen.any() else _nothing(observed)
     known = np.isfinite(lifted.xyz).all(axis=2)
     error = np.linalg.norm(lifted.projected - observed.xy, axis=2)
     return Track3D(

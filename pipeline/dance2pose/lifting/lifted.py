@@ -44,7 +44,7 @@ class Lifted:
 
     xyz: (T, J, 3) mm as the camera sees them, first joint at the origin, NaN where nothing is
     known. projected: (T, J, 2) px, y up, where the camera found sees those joints. sigma: (T, J)
-    mm, or None. root: (T, 3) mm, the first joint in the world, or None.
+    mm, or None. root: (T, 3) mm, the first joint as seen from the camera, or None.
     """
 
     xyz: FloatArray

@@ -28,7 +28,7 @@ from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights
 from dance2pose.lifting.perspective import camera_of, place, seen_straight, towards
 from dance2pose.lifting.sizes import SIZE_ERROR, growth, sizes
 from dance2pose.lifting.smoothness import frame_noise, smooth_path
-from dance2pose.lifting.trajectory import floor_level, follow_floor
+from dance2pose.lifting.trajectory import follow_floor
 from dance2pose.mocap.corpus import body_bones_mm, retarget
 from dance2pose.poses import FloatArray, IntArray
 
@@ -177,17 +177,12 @@ def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lift
     xyz = lifted.xyz @ turn  # back from the turned camera
     root = place(camera, xyz, observed.xy, np.clip(observed.confidence, 0.0, 1.0))
     root[~np.isfinite(xyz).all(axis=(1, 2))] = np.nan
-    floor = 0.0
     if not observed.independent:
         tree = skeletons.get(observed.skeleton)
-        stands = np.zeros((len(root), 2), bool)
         for rows in _stretches(observed):
             if np.isfinite(root[rows]).any():
-                path = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree)
-                root[rows], stands[rows] = path.root, path.contact
-        floor = floor_level(xyz, root, stands, tree)
-    projected = camera.project(xyz + root[:, None])
-    return Lifted(xyz, projected, lifted.sigma, root - [0.0, floor, 0.0])
+                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree).root
+    return Lifted(xyz, camera.project(xyz + root[:, None]), lifted.sigma, root)
 
 
 def _middle(observed: Observed) -> FloatArray:
