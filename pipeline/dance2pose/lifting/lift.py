@@ -63,6 +63,35 @@ def lift_all(
     a shot (`levelling`). Raises UsageError for an unknown skeleton, lifter, camera or a height that
     is no body height, DataError for a track whose arrays do not fit its skeleton.
     """
+    found = lift_in_camera(
+        tracks,
+        lifter=lifter,
+        height_m=height_m,
+        independent=independent,
+        camera=camera,
+        fov_deg=fov_deg,
+    )
+    if independent:  # every picture has a camera of its own
+        return found
+    out: dict[int, Track3D] = {}
+    for shot in sorted({track.shot for track in tracks}):
+        rows = [n for n, track in enumerate(tracks) if track.shot == shot]
+        level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (height_m or 1.0))
+        out.update(zip(rows, level, strict=True))
+    return [out[n] for n in range(len(found))]
+
+
+def lift_in_camera(
+    tracks: Sequence[Track2D],
+    *,
+    lifter: str = "default",
+    height_m: float | None = None,
+    independent: bool = False,
+    camera: str = "auto",
+    fov_deg: float | None = None,
+) -> list[Track3D]:
+    """As `lift_all`, but poses and paths stay in the camera's axes: x right, y up, z towards the
+    viewer, the camera at the origin of the paths."""
     if height_m is not None and not 0.3 <= height_m <= 3:
         raise UsageError(f"body height of {height_m} m; expected metres, 0.3 to 3")
     model = camera_model(camera, lifter)
@@ -73,13 +102,7 @@ def lift_all(
         usable = _usable_model(model, track, asked=camera)
         observed = observe(track, independent=independent, camera=usable, fov_deg=fov_deg)
         found.append(_lift_one(track, observed, _lifter(lifter), per_mm, unit))
-    if independent:  # every picture has a camera of its own
-        return found
-    out: dict[int, Track3D] = {}
-    for shot in sorted({track.shot for track in tracks}):
-        rows = [n for n, track in enumerate(tracks) if track.shot == shot]
-        out.update(zip(rows, levelled([found[n] for n in rows], 1 / per_mm), strict=True))
-    return [out[n] for n in range(len(found))]
+    return found
 
 
 def _usable_model(model: str, track: Track2D, *, asked: str) -> str:
