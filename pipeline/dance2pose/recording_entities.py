@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.placement import positions
-from dance2pose.poses import Dancer, IntArray, Track2D, Track3D
+from dance2pose.poses import Dancer, FloatArray, IntArray, Track2D, Track3D
 from dance2pose.quiet_rerun import rr
 from dance2pose.recording_plots import angle_curves, trust_curves
 from dance2pose.skeleton import get
@@ -93,8 +93,8 @@ def send_dancer(stream: rr.RecordingStream, dancer: Dancer, clock: Clock) -> Non
     rows = _Rows(stream, Clock(track.frame, track.time_s), clock.after(int(track.frame[-1])))
     _send_keypoints(rows, track)
     _send_boxes(rows, track)
-    _send_joints(rows, joints_path(person), dancer.smoothed)
-    _send_joints(rows, raw_path(person), dancer.raw)
+    _send_joints(rows, joints_path(person), dancer.smoothed, sigma=dancer.smoothed.sigma)
+    _send_joints(rows, raw_path(person), dancer.raw, sigma=None)
     _send_thin_bones(rows, raw_path(person), dancer.raw)
     base = plots_path(person)
     for joint, curve in angle_curves(dancer).items():
@@ -123,10 +123,12 @@ def _send_boxes(rows: _Rows, track: Track2D) -> None:
     rows.take_off(path, rr.Boxes2D.columns(centers=none, half_sizes=none).partition([0]))
 
 
-def _send_joints(rows: _Rows, path: str, track: Track3D) -> None:
+def _send_joints(rows: _Rows, path: str, track: Track3D, *, sigma: FloatArray | None) -> None:
+    """Joints, as balls of one standard deviation (T, J) where that is known."""
     xyz = positions(track).astype(np.float32)
     frames, joints = xyz.shape[:2]
-    columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3))
+    radii = None if sigma is None else np.nan_to_num(sigma).astype(np.float32).ravel()
+    columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3), radii=radii)
     rows.send(path, columns.partition([joints] * frames))
     gone = np.full((joints, 3), np.nan, np.float32)
     rows.take_off(path, rr.Points3D.columns(positions=gone).partition([joints]))

@@ -55,11 +55,12 @@ def blueprint(
 
 def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView:
     unit = dancers[0].smoothed.unit
+    balls = "; balls: one sigma" if any(d.smoothed.sigma is not None for d in dancers) else ""
     centre, size = _extent(dancers, placement)
     return rrb.Spatial3DView(
         origin=WORLD,
         contents=["$origin/**", *(f"- {raw_path(d.person)}" for d in dancers if _unsmoothed(d))],
-        name=f"3D joints ({unit})",
+        name=f"3D joints ({unit}{balls})",
         background=_BACKGROUND,
         line_grid=rrb.LineGrid3D(
             visible=True,

@@ -94,8 +94,10 @@ def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -
 
 def _style_world(stream: rr.RecordingStream, dancer: Dancer) -> None:
     person = dancer.person
+    # A standard deviation that is known is the radius; it changes, and what is static would hide it.
+    known = dancer.smoothed.sigma is not None
     joints = rr.Points3D.from_fields(
-        radii=rr.Radius.ui_points(4.0),
+        radii=None if known else rr.Radius.ui_points(4.0),
         show_labels=False,
         class_ids=person,
         keypoint_ids=range(len(get(dancer.smoothed.skeleton))),
