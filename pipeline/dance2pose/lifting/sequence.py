@@ -45,9 +45,9 @@ _PASSES, _STEADY = 3, 0.04
 _RADIAL = 0.7
 # The network's error across the view, as a part of that of the position.
 _ACROSS = 1.3
-# Keypoint models err alike for as long as a pose and a costume look alike, mm in either direction of
-# the picture: no jitter tells, no average mends. (People who mark joints scatter by 20 to 60 mm.)
-# The joints of the other skeletons come from motion capture.
+# Keypoint models err alike for as long as a pose and a costume look alike, mm in either direction
+# of the picture: no jitter tells, no average mends. (People who mark joints scatter by 20 to 60
+# mm.) The joints of the other skeletons come from motion capture.
 _KEYPOINT_BIAS_MM = {"body17": 20.0}
 # Beside this length, noise of the keypoints says how much bones seem to vary in length.
 _TYPICAL_BONE_MM = 400.0
@@ -103,7 +103,8 @@ def _lift(
         found -= found[:, :1]
         if settings.limits:
             found = limits.load(observed.skeleton).project_to_valid(found)
-        xyz[rows], sigma[rows] = found, spread * depth.sigma_factors()
+        bias = np.sqrt(2) * _KEYPOINT_BIAS_MM.get(observed.skeleton, 0.0)
+        xyz[rows], sigma[rows] = found, np.hypot(spread * depth.sigma_factors(), bias)
         projected[rows] = _drawn(found, size, observed.xy[rows])
     return Lifted(xyz, projected, sigma)
 
@@ -305,9 +306,11 @@ def _one_body(
         if not observed.independent:
             xyz = retarget(xyz, tree, lengths)
     # What is left after the solution, and what the network feared before: measured, their
-    # geometric mean is closer to the errors than either.
+    # geometric mean is closer to the errors than either. Noise moves the origin too, the first
+    # joint, and with it all others.
     left = np.sqrt(np.square(sigma).sum(axis=-1))
-    return xyz, np.sqrt(left * answer.sigma / size[:, None]), answer.scale * size
+    spread_mm = np.sqrt(left * answer.sigma / size[:, None] + 2 * spot**2)
+    return xyz, spread_mm, answer.scale * size
 
 
 def _spot_noise(picture: FloatArray, confidence: FloatArray, independent: bool) -> FloatArray:
