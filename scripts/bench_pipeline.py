@@ -36,8 +36,8 @@ import onnxruntime
 
 from dance2pose.config import Settings
 from dance2pose.detection import load_detector
-from dance2pose.inference import Session
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
+from dance2pose.onnx_models.inference import Session
 from dance2pose.poses import Poses2D
 from dance2pose.reconstruct import reconstruct
 from dance2pose.video import open_video

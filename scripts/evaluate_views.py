@@ -29,7 +29,7 @@ from dance2pose.keypoints import KeypointEstimator, load_pose_model
 from dance2pose.lifting.lift import lift
 from dance2pose.poses import FloatArray, Track2D, Track3D
 from dance2pose.progress import for_terminal
-from dance2pose.tracking import Tracker
+from dance2pose.tracking.tracker import Tracker
 from dance2pose.video import open_video
 
 _FRACTIONS = 64.0  # of a pixel, in which Qualisys writes intrinsics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dance2pose.poses import Boxes, Image, Poses2D, Track2D
-from dance2pose.tracking import Tracker
+from dance2pose.tracking.tracker import Tracker
 
 WIDTH, HEIGHT = 640, 360
 J = 17  # coco17

@@ -16,7 +16,7 @@ import pytest
 
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import ModelError
-from dance2pose.recognition import FORMS
+from dance2pose.onnx_models.recognition import FORMS
 from onnx_graphs import emitting
 
 Array = npt.NDArray[Any]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dance2pose.gaps import fill_gaps
+from dance2pose.tracking.gaps import fill_gaps
 
 T, J = 11, 4
 

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dance2pose.image_input import ImageInput, crop_affines, to_image
-from dance2pose.manifest import Manifest
+from dance2pose.onnx_models.image_input import ImageInput, crop_affines, to_image
+from dance2pose.onnx_models.manifest import Manifest
 
 Array = npt.NDArray[Any]
 

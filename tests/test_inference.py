@@ -9,10 +9,10 @@ import pytest
 
 from dance2pose.detection import load_detector
 from dance2pose.errors import ModelError
-from dance2pose.inference import open_session
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
+from dance2pose.onnx_models.inference import open_session
+from dance2pose.onnx_models.recognition import inspect_model
 from dance2pose.poses import Boxes
-from dance2pose.recognition import inspect_model
 from onnx_graphs import (
     allocating,
     dividing,

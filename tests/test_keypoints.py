@@ -21,9 +21,9 @@ from dance2pose.keypoints import (
     OneStageEstimator,
     load_pose_model,
 )
-from dance2pose.pose_forms import dark_shift, quarter_pixel_shift
+from dance2pose.onnx_models.pose_forms import dark_shift, quarter_pixel_shift
+from dance2pose.onnx_models.recognition import FORMS
 from dance2pose.poses import Boxes, Poses2D
-from dance2pose.recognition import FORMS
 from onnx_graphs import emitting, emitting_per_crop, heatmaps_of_colours
 from test_detection import CELLS, HEIGHT, IMAGE, PEOPLE, SCORES, WIDTH, frame_of, spread
 

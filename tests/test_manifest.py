@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dance2pose.errors import ModelError, OutputError
-from dance2pose.manifest import (
+from dance2pose.onnx_models.manifest import (
     _CHOICES,
     _FORMS_OF_KEY,
     _KINDS_OF_KEY,
@@ -21,7 +21,7 @@ from dance2pose.manifest import (
     settings_of,
     write_manifest,
 )
-from dance2pose.recognition import FORMS
+from dance2pose.onnx_models.recognition import FORMS
 
 POSE = Manifest(
     kind="pose",

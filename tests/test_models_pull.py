@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dance2pose import downloading, registry
 from dance2pose.detection import load_detector
 from dance2pose.errors import ModelError, OutputError, UsageError
-from dance2pose.recognition import inspect_model
-from dance2pose.registry import RegisteredModel
+from dance2pose.onnx_models import downloading, registry
+from dance2pose.onnx_models.recognition import inspect_model
+from dance2pose.onnx_models.registry import RegisteredModel
 from onnx_graphs import emitting
 
 MANIFEST = {

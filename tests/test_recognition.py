@@ -12,7 +12,7 @@ import pytest
 
 from dance2pose.detection import load_detector
 from dance2pose.errors import ModelError
-from dance2pose.recognition import FORMS, inspect_model
+from dance2pose.onnx_models.recognition import FORMS, inspect_model
 from onnx_graphs import emitting
 
 

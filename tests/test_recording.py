@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from dance2pose import recording as recording_module
 from dance2pose.angles import ANGLE_JOINTS, joint_angles
 from dance2pose.commands.view import viewer_program
 from dance2pose.poses import Dancer
-from dance2pose.recording import RecordingWriter
+from dance2pose.recording import writer as recording_module
+from dance2pose.recording.writer import RecordingWriter
 from dance2pose.skeleton import get
 from dance2pose.video import open_video
 from recording_making import JOINTS, KEYPOINTS, Recording, make_dancer, make_provenance

@@ -14,7 +14,7 @@ import pytest
 
 from dance2pose.commands.view import view
 from dance2pose.errors import Dance2PoseError, DataError, OutputError, VideoError
-from dance2pose.recording import RecordingWriter
+from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import VideoInfo, open_video
 from recording_making import Recording, make_provenance
 from video_making import numbered_video
@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from dance2pose.errors import OutputError
 from dance2pose.poses import Frame
-from dance2pose.recording import RecordingWriter
+from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import open_video
 with open_video(Path(sys.argv[1])) as frames:
     info = frames.info
@@ -174,7 +174,7 @@ def test_a_disk_that_fills_up_at_the_very_end_is_noticed(
 def test_where_there_are_no_pipes_rerun_writes_the_file(
     tmp_path: Path, info: VideoInfo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dance2pose.recording_stream._PIPES", tmp_path / "none")
+    monkeypatch.setattr("dance2pose.recording.stream._PIPES", tmp_path / "none")
     path = tmp_path / "out.rrd"
     with RecordingWriter(path, recording_id="id", picture="none", video=info) as out:
         out.write([], make_provenance())

@@ -10,10 +10,10 @@ import av
 import numpy as np
 import pytest
 
-from dance2pose import picture as picture_module
 from dance2pose.errors import UsageError
-from dance2pose.picture import choose_picture, ffmpeg_plays, viewer_timestamps_ns
-from dance2pose.recording import RecordingWriter
+from dance2pose.recording import picture as picture_module
+from dance2pose.recording.picture import choose_picture, ffmpeg_plays, viewer_timestamps_ns
+from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import VideoInfo, open_video
 from recording_making import Recording, make_provenance
 from video_making import make_video, numbered, numbered_video, woven

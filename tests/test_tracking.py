@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dance2pose.errors import UsageError
 from dance2pose.poses import Boxes, Poses2D
-from dance2pose.tracking import Tracker, TrackingSettings
+from dance2pose.tracking.tracker import Tracker, TrackingSettings
 from staged import HEIGHT, WIDTH, Actor, J, perform, times, who
 
 RED, GREEN, BLUE = (40, 40, 200), (40, 200, 40), (200, 60, 30)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from dance2pose.config import Settings
-from dance2pose.picture import ffmpeg_plays
 from dance2pose.poses import Dancer
 from dance2pose.reconstruct import reconstruct
-from dance2pose.recording import RecordingWriter
+from dance2pose.recording.picture import ffmpeg_plays
+from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import open_video
 from recording_making import make_dancer, make_provenance
 from video_making import make_video, numbered, numbered_video, read_number

@@ -8,11 +8,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from dance2pose.errors import ModelError
-from dance2pose.forms import Detections, extra_feeds, strongest
-from dance2pose.image_input import Affine, ImageInput, to_image
-from dance2pose.inference import Session
+from dance2pose.onnx_models.forms import Detections, extra_feeds, strongest
+from dance2pose.onnx_models.image_input import Affine, ImageInput, to_image
+from dance2pose.onnx_models.inference import Session
+from dance2pose.onnx_models.recognition import FORMS, ModelDescription, open_model
 from dance2pose.poses import Boxes, Image
-from dance2pose.recognition import FORMS, ModelDescription, open_model
 
 
 @runtime_checkable

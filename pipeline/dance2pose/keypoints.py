@@ -11,10 +11,10 @@ import numpy.typing as npt
 from dance2pose import skeleton as skeletons
 from dance2pose.detection import WholePictureModel, boxes_in_image, has_area
 from dance2pose.errors import ModelError
-from dance2pose.image_input import ImageInput, to_image
-from dance2pose.inference import Array, Session
+from dance2pose.onnx_models.image_input import ImageInput, to_image
+from dance2pose.onnx_models.inference import Array, Session
+from dance2pose.onnx_models.recognition import FORMS, ModelDescription, open_model
 from dance2pose.poses import Boxes, Image, Poses2D
-from dance2pose.recognition import FORMS, ModelDescription, open_model
 
 # Crops a call where the graph takes any number: enough to keep the cores busy, and the memory of
 # a crowded frame stays bounded.

@@ -17,7 +17,7 @@ from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import read_track
 from dance2pose.poses import Boxes, Poses2D, Track2D
-from dance2pose.tracking import Tracker
+from dance2pose.tracking.tracker import Tracker
 
 _LARGEST_JSON = 512 * 1024**2
 

@@ -14,16 +14,16 @@ from dance2pose import exchange, smoothing
 from dance2pose.config import Settings
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError, VideoError
-from dance2pose.inference import default_threads
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
 from dance2pose.lifting.lift import describe_camera, lift_all
+from dance2pose.onnx_models.inference import default_threads
 from dance2pose.output_files import check_output
 from dance2pose.poses import Boxes, Dancer, Frame, Image, Poses2D, Track2D, Track3D
 from dance2pose.progress import Progress, Silent
 from dance2pose.provenance import Provenance, describe_run
-from dance2pose.recording import RecordingWriter, choose_picture, recording_id_for
+from dance2pose.recording.writer import RecordingWriter, choose_picture, recording_id_for
 from dance2pose.shots import ShotDetector
-from dance2pose.tracking import Tracker
+from dance2pose.tracking.tracker import Tracker
 from dance2pose.video import FrameReader, open_video
 
 

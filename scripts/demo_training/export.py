@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from dance2pose.manifest import Manifest, write_manifest
+from dance2pose.onnx_models.manifest import Manifest, write_manifest
 from demo_training.networks import (
     DETECTOR_INPUT,
     MEAN,

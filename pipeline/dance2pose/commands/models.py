@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from dance2pose.recognition import ModelDescription
+    from dance2pose.onnx_models.recognition import ModelDescription
 
 models = App(
     name="models",
@@ -29,7 +29,7 @@ def list_models(*, config: Path | None = None) -> None:
         The settings file to look into; your own standing one if not given.
     """
     from dance2pose.config import read_settings_file, user_config_path
-    from dance2pose.registry import cache_folder, cached_path, registry
+    from dance2pose.onnx_models.registry import cache_folder, cached_path, registry
 
     source = config or user_config_path()
     settings = read_settings_file(source) if config or source.is_file() else {}
@@ -78,8 +78,8 @@ def inspect(
     """
     import dataclasses
 
-    from dance2pose.manifest import manifest_path, write_manifest
-    from dance2pose.recognition import inspect_model
+    from dance2pose.onnx_models.manifest import manifest_path, write_manifest
+    from dance2pose.onnx_models.recognition import inspect_model
 
     description = inspect_model(model)
     print("\n".join(description_lines(description)))
@@ -95,7 +95,7 @@ def inspect(
 
 def description_lines(description: ModelDescription) -> list[str]:
     """What was recognised, why, and with which settings."""
-    from dance2pose.manifest import settings_of, toml_lines
+    from dance2pose.onnx_models.manifest import settings_of, toml_lines
 
     return [
         f"{description.path}: {description.kind} model, output form {description.form}",
@@ -122,10 +122,10 @@ def pull(name: str, *, quiet: bool = False) -> None:
     quiet
         Show no progress.
     """
-    from dance2pose.downloading import pull as pull_model
     from dance2pose.errors import UsageError
+    from dance2pose.onnx_models.downloading import pull as pull_model
+    from dance2pose.onnx_models.registry import registry
     from dance2pose.progress import for_terminal
-    from dance2pose.registry import registry
 
     known = registry()
     if name not in known:

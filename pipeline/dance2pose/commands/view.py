@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dance2pose import progress as progress_display
 from dance2pose.errors import Dance2PoseError, DataError
-from dance2pose.recording_file import check_recording
+from dance2pose.recording.file import check_recording
 
 
 def view(recording: Path, *, browser: bool = False, quiet: bool = False) -> None:
@@ -46,7 +46,7 @@ def view(recording: Path, *, browser: bool = False, quiet: bool = False) -> None
 
 
 def _warn_without_ffmpeg(say: Callable[[str], None]) -> None:
-    from dance2pose.picture import ffmpeg_plays
+    from dance2pose.recording.picture import ffmpeg_plays
 
     if not ffmpeg_plays():
         say(

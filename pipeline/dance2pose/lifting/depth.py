@@ -199,7 +199,9 @@ def _run(given: NetworkInput) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=1)
 def _session():  # type: ignore[no-untyped-def]
-    from dance2pose.inference import open_session  # the numerical core loads without ONNX Runtime
+    from dance2pose.onnx_models.inference import (
+        open_session,  # the numerical core loads without ONNX Runtime
+    )
 
     return open_session(asset(_MODEL))
 

@@ -9,11 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from dance2pose import skeleton as skeletons
-from dance2pose.detector_forms import DETECTOR_FORMS
 from dance2pose.errors import ModelError
-from dance2pose.forms import SKELETONS_BY_COUNT, Graph, Match, OutputForm, is_extra_input
-from dance2pose.inference import Session, TensorInfo, check_model_file, open_session
-from dance2pose.manifest import (
+from dance2pose.onnx_models.detector_forms import DETECTOR_FORMS
+from dance2pose.onnx_models.forms import (
+    SKELETONS_BY_COUNT,
+    Graph,
+    Match,
+    OutputForm,
+    is_extra_input,
+)
+from dance2pose.onnx_models.inference import Session, TensorInfo, check_model_file, open_session
+from dance2pose.onnx_models.manifest import (
     MAX_INPUT_SIDE,
     Kind,
     Layout,
@@ -22,9 +28,9 @@ from dance2pose.manifest import (
     manifest_path,
     read_manifest,
 )
-from dance2pose.one_stage_forms import ONE_STAGE_FORMS
-from dance2pose.pose_forms import POSE_FORMS
-from dance2pose.registry import file_sha256, located
+from dance2pose.onnx_models.one_stage_forms import ONE_STAGE_FORMS
+from dance2pose.onnx_models.pose_forms import POSE_FORMS
+from dance2pose.onnx_models.registry import file_sha256, located
 
 # In the order in which they are tried: the more particular before the more general.
 FORMS: dict[str, OutputForm] = {

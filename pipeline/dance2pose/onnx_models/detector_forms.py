@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from dance2pose.forms import Detections, Graph, Match, OutputForm, Outputs, xyxy_from_centre
-from dance2pose.inference import Array, TensorInfo
-from dance2pose.manifest import BoxFormat, Manifest
+from dance2pose.onnx_models.forms import (
+    Detections,
+    Graph,
+    Match,
+    OutputForm,
+    Outputs,
+    xyxy_from_centre,
+)
+from dance2pose.onnx_models.inference import Array, TensorInfo
+from dance2pose.onnx_models.manifest import BoxFormat, Manifest
 
 IMAGENET = {"mean": (123.675, 116.28, 103.53), "std": (58.395, 57.12, 57.375)}
 YOLO_STRIDES = ((8, 16, 32), (8, 16, 32, 64))

@@ -21,7 +21,7 @@ from dance2pose.errors import OutputError, UsageError, VideoError
 from dance2pose.poses import Image
 
 if TYPE_CHECKING:
-    from dance2pose.quiet_rerun import rr
+    from dance2pose.recording.quiet_rerun import rr
     from dance2pose.video import VideoInfo
 
 PictureMode = Literal["video", "frames", "none"]
@@ -149,7 +149,7 @@ class VideoAsset(NamedTuple):
 
 def read_video_asset(path: Path) -> VideoAsset:
     """Open a video as the viewer will. Raises VideoError where it could not."""
-    from dance2pose.quiet_rerun import rr
+    from dance2pose.recording.quiet_rerun import rr
 
     try:
         # The bytes are given, not the path: Rerun takes .mov and other names for unknown.

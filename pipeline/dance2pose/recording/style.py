@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dance2pose.placement import Placement
 from dance2pose.poses import Dancer
-from dance2pose.quiet_rerun import rr
-from dance2pose.recording_entities import (
+from dance2pose.recording.entities import (
     PICTURE,
     WORLD,
     box_path,
@@ -17,7 +15,9 @@ from dance2pose.recording_entities import (
     plots_path,
     raw_path,
 )
-from dance2pose.recording_plots import angle_curves, trust_curves
+from dance2pose.recording.placement import Placement
+from dance2pose.recording.plots import angle_curves, trust_curves
+from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import Skeleton, get
 
 Colour = tuple[int, int, int]

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dance2pose.placement import Placement, positions
 from dance2pose.poses import Dancer, FloatArray
-from dance2pose.quiet_rerun import rr, rrb
-from dance2pose.recording_entities import (
+from dance2pose.recording.entities import (
     PICTURE,
     PROVENANCE,
     WORLD,
     plots_path,
     raw_path,
 )
-from dance2pose.recording_plots import trust_curves
+from dance2pose.recording.placement import Placement, positions
+from dance2pose.recording.plots import trust_curves
+from dance2pose.recording.quiet_rerun import rr, rrb
 
 _BACKGROUND = (22, 24, 28)
 _GRID = (120, 120, 130, 110)

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from dance2pose.inference import Array, Session, TensorInfo
-from dance2pose.manifest import Kind, Layout, Manifest
+from dance2pose.onnx_models.inference import Array, Session, TensorInfo
+from dance2pose.onnx_models.manifest import Kind, Layout, Manifest
 
 Outputs = Mapping[str, Array]
 FloatMatrix = npt.NDArray[np.float32]

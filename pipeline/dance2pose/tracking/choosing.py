@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dance2pose.errors import UsageError
-from dance2pose.matching import box_sizes
 from dance2pose.poses import BoolArray, Track2D
+from dance2pose.tracking.matching import box_sizes
 
 CHOICES = ("auto", "all", "largest", "central")
 

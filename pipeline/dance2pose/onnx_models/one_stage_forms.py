@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dance2pose.detector_forms import ULTRALYTICS_INPUT, YOLOX_INPUT, yolo_strides
-from dance2pose.forms import (
+from dance2pose.onnx_models.detector_forms import ULTRALYTICS_INPUT, YOLOX_INPUT, yolo_strides
+from dance2pose.onnx_models.forms import (
     SKELETONS_BY_COUNT,
     Detections,
     Graph,
@@ -14,8 +14,8 @@ from dance2pose.forms import (
     Outputs,
     xyxy_from_centre,
 )
-from dance2pose.inference import Array
-from dance2pose.manifest import Manifest
+from dance2pose.onnx_models.inference import Array
+from dance2pose.onnx_models.manifest import Manifest
 
 # RTMO -----------------------------------------------------------------------------------------
 

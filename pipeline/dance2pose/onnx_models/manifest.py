@@ -1,8 +1,8 @@
 """The manifest of an ONNX model: what its graph cannot say, as TOML beside the model.
 
 `yolox.onnx` has its manifest in `yolox.toml`. A manifest states as much as it likes; the rest is
-recognised from the graph (`dance2pose.recognition`). `dance2pose models inspect` writes a complete
-one to start from.
+recognised from the graph (`recognition`). `dance2pose models inspect` writes a complete one to
+start from.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Manifest:
     """How pictures go into a model and how its outputs are read.
 
     kind: detector (picture -> boxes), pose (crop -> keypoints) or one-stage (picture -> both).
-    form: the output form, a name of `dance2pose.recognition.FORMS`.
+    form: the output form, a name of `dance2pose.onnx_models.recognition.FORMS`.
     input_width, input_height: px of the network's picture.
     layout, colour_order: of the input tensor.
     mean, std: per channel in the tensor's colour order, in 0..255 units; (value - mean) / std.

@@ -18,11 +18,9 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from dance2pose.errors import ModelError, OutputError
-from dance2pose.manifest import checked_settings, manifest_path, toml_lines
-from dance2pose.output_files import written_whole
-from dance2pose.progress import Progress, Silent
-from dance2pose.recognition import inspect_model
-from dance2pose.registry import (
+from dance2pose.onnx_models.manifest import checked_settings, manifest_path, toml_lines
+from dance2pose.onnx_models.recognition import inspect_model
+from dance2pose.onnx_models.registry import (
     RegisteredModel,
     cache_folder,
     cached_path,
@@ -30,6 +28,8 @@ from dance2pose.registry import (
     known_hashes,
     record_hashes,
 )
+from dance2pose.output_files import written_whole
+from dance2pose.progress import Progress, Silent
 
 CHUNK_BYTES = 1024**2
 LARGEST_MODEL_BYTES = 2 * 1024**3

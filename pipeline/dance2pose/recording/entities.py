@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dance2pose.placement import positions
 from dance2pose.poses import Dancer, FloatArray, IntArray, Track2D, Track3D
-from dance2pose.quiet_rerun import rr
-from dance2pose.recording_plots import angle_curves, trust_curves
+from dance2pose.recording.placement import positions
+from dance2pose.recording.plots import angle_curves, trust_curves
+from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import get
 
 PICTURE = "/video"

@@ -14,7 +14,7 @@ from typing import Any
 
 from dance2pose.assets import asset
 from dance2pose.errors import ModelError, UsageError
-from dance2pose.manifest import checked_settings
+from dance2pose.onnx_models.manifest import checked_settings
 from dance2pose.output_files import written_whole
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]*")

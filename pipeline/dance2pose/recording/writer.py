@@ -18,7 +18,12 @@ import pyarrow as pa
 
 from dance2pose.errors import OutputError
 from dance2pose.output_files import written_whole
-from dance2pose.picture import (
+from dance2pose.poses import Dancer, Frame
+from dance2pose.provenance import Provenance, recording_id_for
+from dance2pose.recording.entities import PICTURE, PROVENANCE, Clock, send_dancer
+from dance2pose.recording.file import is_whole
+from dance2pose.recording.layout import blueprint
+from dance2pose.recording.picture import (
     PictureChoice,
     PictureMode,
     Timestamps,
@@ -27,15 +32,10 @@ from dance2pose.picture import (
     read_video_asset,
     viewer_timestamps_ns,
 )
-from dance2pose.placement import place
-from dance2pose.poses import Dancer, Frame
-from dance2pose.provenance import Provenance, recording_id_for
-from dance2pose.quiet_rerun import rr
-from dance2pose.recording_entities import PICTURE, PROVENANCE, Clock, send_dancer
-from dance2pose.recording_file import is_whole
-from dance2pose.recording_layout import blueprint
-from dance2pose.recording_stream import open_stream
-from dance2pose.recording_style import send_style
+from dance2pose.recording.placement import place
+from dance2pose.recording.quiet_rerun import rr
+from dance2pose.recording.stream import open_stream
+from dance2pose.recording.style import send_style
 
 if TYPE_CHECKING:
     from dance2pose.video import VideoInfo

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from dance2pose.quiet_rerun import rr
+from dance2pose.recording.quiet_rerun import rr
 
 # Where a pipe can be opened by name. Windows has none; there Rerun writes the file itself.
 _PIPES = Path("/dev/fd")

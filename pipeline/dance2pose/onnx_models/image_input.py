@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from dance2pose.manifest import Manifest
+from dance2pose.onnx_models.manifest import Manifest
 from dance2pose.poses import FloatArray, Image
 
 Affine = npt.NDArray[np.float64]

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from dance2pose import skeleton as skeletons
-from dance2pose.appearance import Histogram, likeness, torso_histogram, torso_joints
-from dance2pose.choosing import choose, parse_person
-from dance2pose.gaps import fill_gaps
-from dance2pose.matching import (
+from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Track2D
+from dance2pose.tracking.appearance import Histogram, likeness, torso_histogram, torso_joints
+from dance2pose.tracking.choosing import choose, parse_person
+from dance2pose.tracking.gaps import fill_gaps
+from dance2pose.tracking.matching import (
     NEXT_PICTURE_SIGMA,
     BoxMotion,
     Float64Array,
@@ -25,7 +26,6 @@ from dance2pose.matching import (
     duplicates,
     keypoint_similarities,
 )
-from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Track2D
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Which of the people of one frame are those of the last: one track a dancer."""
