@@ -21,7 +21,7 @@ from dance2pose import demo
 from dance2pose.config import Settings
 from dance2pose.detection import load_detector
 from dance2pose.exchange import read_track
-from dance2pose.keypoints import load_pose_model
+from dance2pose.keypoints import KeypointEstimator, load_pose_model
 from dance2pose.poses import Boxes, Track2D
 from dance2pose.reconstruct import reconstruct
 from demo_training.backgrounds import backgrounds
@@ -49,6 +49,7 @@ def on_pool(folder: Path, models: Path) -> None:
     pictures = backgrounds(7, 40, pool.pictures.shape[1])
     detector = load_detector(models / demo.DETECTOR)
     estimator = load_pose_model(models / demo.POSE)
+    assert isinstance(estimator, KeypointEstimator)
     near, found, overlap = [], 0, []
     rows = pool.ready()
     for row in rows:

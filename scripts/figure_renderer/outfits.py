@@ -73,7 +73,7 @@ def gold(rng: Rng | None = None) -> dict[str, Any]:
     }
 
 
-def hairrandom_surface(colour: Array) -> dict[str, Any]:
+def hair_surface(colour: Array) -> dict[str, Any]:
     return {
         "kind": 0,
         "colour_a": colour,
@@ -208,7 +208,7 @@ def _random_head(rng: Rng, costume: bool, hair: Array) -> tuple[list[Any], list[
     headwear: list[Any] = []
     balls: list[Any] = []
     tail = None
-    stuff = hairrandom_surface(hair)
+    stuff = hair_surface(hair)
     if costume and rng.random() < 0.6:
         metal = gold(rng) if rng.random() < 0.7 else random_surface(rng, 0)
         profile = crown(int(rng.integers(1, 5)), rng.uniform(0.08, 0.3), rng.uniform(0.07, 0.11))
