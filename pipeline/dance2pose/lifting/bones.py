@@ -12,7 +12,7 @@ from dance2pose.skeleton import Skeleton
 
 # People's bones differ from the one body's by about this part of their length, the network's
 # lengths from the truth by about that.
-_PRIOR_SPREAD, _NETWORK_SPREAD = 0.04, 0.05
+PRIOR_SPREAD, _NETWORK_SPREAD = 0.04, 0.05
 # The projection of a bone taken for its longest, and the length that the network gives it taken
 # for its true one: it errs short where it is unsure which end is nearer.
 _LONGEST, _TYPICAL = 0.95, 0.75
@@ -82,13 +82,13 @@ def track_bone_lengths(
         if len(ratio)
         else float(np.mean(solid / body_mm))
     )
-    prior, network = 1 / _PRIOR_SPREAD**2, 1 / _NETWORK_SPREAD**2
+    prior, network = 1 / PRIOR_SPREAD**2, 1 / _NETWORK_SPREAD**2
     ratio_solid = np.clip(solid / (size * body_mm), 0.8, 1.2)
     expected = size * body_mm * (prior + network * ratio_solid) / (prior + network)
     # Longer than people's bones are: keypoints that are wrong for much of the track.
     lengths = np.fmax(expected, np.fmin(longest, _LONGEST_LIKELY * expected))
     unseen = np.abs(np.nan_to_num((lengths - longest) / lengths, nan=1.0))
-    return lengths, np.hypot(np.clip(unseen, _LEAST_SPREAD, _PRIOR_SPREAD), wobble)
+    return lengths, np.hypot(np.clip(unseen, _LEAST_SPREAD, PRIOR_SPREAD), wobble)
 
 
 def with_bone_lengths(

@@ -16,6 +16,7 @@ import numpy as np
 from dance2pose import skeleton as skeletons
 from dance2pose.lifting import depth, limits
 from dance2pose.lifting.bones import (
+    PRIOR_SPREAD,
     likely_projections,
     track_bone_lengths,
     with_bone_lengths,
@@ -277,7 +278,7 @@ def _one_body(
     if smooth:
         for part in parts:
             xyz[part, :, :2] = smooth_path(xyz[part, :, :2], sigma[part, :, :2], times[part])
-    lengths, spread = body, np.full(len(body), 0.06)
+    lengths, spread = body, np.full(len(body), np.hypot(PRIOR_SPREAD, SIZE_ERROR))
     if not observed.independent:
         seen = np.isfinite(picture)
         flat = np.where(seen, xyz[..., :2], np.nan)

@@ -49,6 +49,6 @@ def growth(
             grown[part], error[part], time_s[part], acceleration=1 / _SIZE_S**2
         )
     grown -= np.median(grown)
-    noise = float(np.mean((SIZE_ERROR * error) ** 2))
+    noise = float(np.median(SIZE_ERROR * error)) ** 2
     real = max(0.0, 1.0 - noise / max(float(np.mean(grown**2)), 1e-12))
     return np.asarray(np.exp(real * grown))
