@@ -21,8 +21,8 @@ from dance2pose.skeleton import convert
 from dance2pose.video import open_video
 
 # Measured when the models were made, with some room (see models/README.md).
-PCK_AT_LEAST = 0.90
-PA_MPJPE_MM_AT_MOST = 90.0
+PCK_AT_LEAST = 0.95
+PA_MPJPE_MM_AT_MOST = 70.0
 
 # No network, whatever the code under test tries: any connection fails at once.
 OFFLINE = """

@@ -133,6 +133,7 @@ def entry(server: Server, path: str, **about: object) -> RegisteredModel:
         "description": "a detector",
         "url": server.address + path,
         "license": "Apache-2.0",
+        "parameters_millions": 0.3,
         "manifest": MANIFEST,
         "archive_member": "end2end.onnx" if path.endswith(".zip") else None,
     }

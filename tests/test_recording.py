@@ -109,14 +109,14 @@ def test_keypoints_and_joints_are_those_given(
             assert np.isnan(found[-1]).all(), "the frame after the last must take the dancer off"
 
 
-def test_joints_are_balls_of_one_standard_deviation(
+def test_joints_are_balls_one_standard_deviation_wide(
     recorded: tuple[Recording, list[Dancer], Path],
 ) -> None:
     recording, dancers, _ = recorded
     frame, found = rows_of(recording, "/world/dancer_1/joints", "Points3D:radii")
     sigma = dancers[0].smoothed.sigma
     assert sigma is not None and len(frame) == len(sigma)
-    np.testing.assert_array_equal(found, np.nan_to_num(sigma).astype(np.float32))
+    np.testing.assert_array_equal(found, np.nan_to_num(sigma / 2).astype(np.float32))
 
 
 def test_raw_poses_have_the_bones_whose_two_ends_are_known(

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.viewer
 _SCRIPT = Path(__file__).resolve().parents[1] / "scripts" / "screenshot.py"
 _NO_GRAPHICS = 3
 TIMES_MS = [0, 40, 80, 160, 200, 210, 300, 340, 500, 540, 600, 720]
-PICTURE_VIEW, WORLD_VIEW = "Video and keypoints", "3D joints (body heights; balls: one sigma)"
+PICTURE_VIEW, WORLD_VIEW = "Video and keypoints", "3D joints (body heights; balls: one sigma wide)"
 
 
 def unless_ci(reason: str) -> None:

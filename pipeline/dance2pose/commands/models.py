@@ -44,12 +44,12 @@ def list_models(*, config: Path | None = None) -> None:
         print(f"  {model.name:18} {size / 1e6:6.1f} MB  {model.description}")
     if not cached:
         print("  none")
-    print("Can be fetched with `dance2pose models pull NAME`:")
+    print("Can be fetched with `dance2pose models pull NAME` (input, about how large):")
     for model in known:
         if model not in cached:
             measured = f", AP {model.measured:g}" if model.measured else ""
             print(
-                f"  {model.name:18} {model.input_size:>8}  "
+                f"  {model.name:18} {model.input_size:>8} {model.about_mb:>4} MB  "
                 f"{model.description}{measured}; {model.license}"
             )
     print("Their names work wherever a model is named: --detector yolox-tiny --pose rtmpose-m")

@@ -25,7 +25,8 @@ _RECORD = "hashes.json"
 class RegisteredModel:
     """A model at its publisher's address.
 
-    archive_member: name of the file inside a zip, None where the address is the model itself.
+    parameters_millions: as published. archive_member: name of the file inside a zip, None where
+    the address is the model itself.
     measured: average precision as published. sha256: of the download, where it is known.
     manifest: the settings that its manifest will state.
     """
@@ -34,10 +35,16 @@ class RegisteredModel:
     description: str
     url: str
     license: str
+    parameters_millions: float
     manifest: Mapping[str, Any]
     archive_member: str | None = None
     measured: float | None = None
     sha256: str | None = None
+
+    @property
+    def about_mb(self) -> int:
+        """Size of the model's file in megabytes, of four bytes for each parameter."""
+        return max(1, round(4 * self.parameters_millions))
 
     @property
     def input_size(self) -> str:

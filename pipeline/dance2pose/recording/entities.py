@@ -124,10 +124,10 @@ def _send_boxes(rows: _Rows, track: Track2D) -> None:
 
 
 def _send_joints(rows: _Rows, path: str, track: Track3D, *, sigma: FloatArray | None) -> None:
-    """Joints, as balls of one standard deviation (T, J) where that is known."""
+    """Joints, as balls one standard deviation (T, J) wide where that is known."""
     xyz = positions(track).astype(np.float32)
     frames, joints = xyz.shape[:2]
-    radii = None if sigma is None else np.nan_to_num(sigma).astype(np.float32).ravel()
+    radii = None if sigma is None else np.nan_to_num(sigma / 2).astype(np.float32).ravel()
     columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3), radii=radii)
     rows.send(path, columns.partition([joints] * frames))
     gone = np.full((joints, 3), np.nan, np.float32)

@@ -55,7 +55,7 @@ def blueprint(
 
 def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView:
     unit = dancers[0].smoothed.unit
-    balls = "; balls: one sigma" if any(d.smoothed.sigma is not None for d in dancers) else ""
+    balls = "; balls: one sigma wide" if any(d.smoothed.sigma is not None for d in dancers) else ""
     centre, size = _extent(dancers, placement)
     return rrb.Spatial3DView(
         origin=WORLD,

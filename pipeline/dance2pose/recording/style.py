@@ -94,7 +94,7 @@ def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -
 
 def _style_world(stream: rr.RecordingStream, dancer: Dancer) -> None:
     person = dancer.person
-    # A standard deviation that is known is the radius. It changes; what is static would hide it.
+    # A standard deviation that is known sets the radius. It changes; what is static would hide it.
     known = dancer.smoothed.sigma is not None
     joints = rr.Points3D.from_fields(
         radii=None if known else rr.Radius.ui_points(4.0),
