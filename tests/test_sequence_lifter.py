@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -265,6 +266,36 @@ def test_nothing_seen_gives_nothing(take: Take) -> None:
     given = observed(take.xyz[:7])
     given.xy[:] = np.nan
     assert np.isnan(lift_frames(given).xyz).all()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7, 40])
+@pytest.mark.parametrize("independent", [False, True])
+@pytest.mark.parametrize("what", ["one point", "still", "noise", "no legs", "most frames lost"])
+def test_odd_keypoints_end_in_poses_or_in_nothing(
+    take: Take, what: str, frames: int, independent: bool
+) -> None:
+    given = observed(resample(take, 30.0).xyz[:frames])
+    rng = np.random.default_rng(3)
+    if what == "one point":
+        given.xy[:] = given.xy[:, :1]
+    elif what == "still":
+        given.xy[:] = given.xy[:1]
+    elif what == "noise":
+        given.xy[:] = rng.uniform(0, 400, given.xy.shape)
+    elif what == "no legs":
+        given.xy[:, 9:] = np.nan
+    else:
+        given.xy[rng.random(frames) < 0.7] = np.nan
+    given.confidence[:] = np.isfinite(given.xy).all(axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = lift(track(given), independent=independent)
+    posed = np.isfinite(result.xyz).all(axis=(1, 2))
+    assert posed.any() or what == "most frames lost"
+    assert np.isnan(result.xyz[~posed]).all()
+    assert result.root is not None and np.isnan(result.root[~posed]).all()
+    if what in ("still", "no legs"):
+        assert np.isfinite(result.root[posed]).all()
 
 
 def test_perspective_gives_the_path(take: Take) -> None:

@@ -214,7 +214,9 @@ def _lifter(name: str) -> Lifter:
 
 def _nothing(observed: Observed) -> Lifted:
     frames, joints = observed.confidence.shape
-    return Lifted(np.full((frames, joints, 3), np.nan), np.full((frames, joints, 2), np.nan))
+    root = np.full((frames, 3), np.nan) if observed.camera == "perspective" else None
+    projected = np.full((frames, joints, 2), np.nan)
+    return Lifted(np.full((frames, joints, 3), np.nan), projected, root=root)
 
 
 def _valid(xyz: FloatArray, skeleton: str) -> BoolArray:

@@ -22,6 +22,8 @@ ASSUMED_FOV = (
     f"assumed to be {_ASSUMED_FOV_DEG:g} degrees across the longer side of the picture; distances "
     "towards the camera scale with it"
 )
+# A figure smaller than this part of the focal length has no distance that could be told.
+_LEAST_EXTENT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def place(
 
     xyz: (T, J, 3) poses in camera axes. xy: (T, J, 2) px. weights: (T, J), 0 where not seen.
     Linear least squares: a joint at p + t is seen along (u, v, -1) where p + t + (p + t)_z (u, v)
-    vanishes across the view. NaN where fewer than two joints were seen.
+    vanishes across the view. NaN where fewer than two joints were seen, or all at one point.
     """
     flat = np.nan_to_num(camera.rays(xy)[..., :2])
     w = np.where(np.isfinite(xy).all(axis=-1), weights, 0.0)[..., None]
@@ -88,7 +90,9 @@ def place(
     right = -(xyz[..., :2] + flat * xyz[..., 2:])
     weighted = (system * w[..., None]).reshape(frames, -1, 3)
     normal = weighted.transpose(0, 2, 1) @ system.reshape(frames, -1, 3)
-    known = (w[..., 0] > 0).sum(axis=1) >= 2
+    share = w / np.maximum(w.sum(axis=1, keepdims=True), 1e-300)
+    extent = (share * (flat - (share * flat).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
+    known = ((w[..., 0] > 0).sum(axis=1) >= 2) & (extent > _LEAST_EXTENT**2)
     normal[~known] = np.eye(3)
     at = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ right.reshape(frames, -1, 1))
     return np.asarray(np.where(known[:, None], at[..., 0], np.nan))
