@@ -190,7 +190,7 @@ def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lift
         tree = skeletons.get(observed.skeleton)
         for rows in _stretches(observed):
             if np.isfinite(root[rows]).any():
-                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree).root
+                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree)
     return Lifted(xyz, camera.project(xyz + root[:, None]), lifted.sigma, root)
 
 

@@ -6,8 +6,6 @@ has one, its toe.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import solveh_banded
 
@@ -27,14 +25,6 @@ _SLIDE_MM = 1.0  # that a standing foot may move from frame to frame
 _ACCELERATION = 4000.0  # mm / s^2, of the pelvis
 
 
-@dataclass(frozen=True)
-class Path:
-    """root: (T, 3) mm. contact: (T, 2) left and right foot stands."""
-
-    root: FloatArray
-    contact: BoolArray
-
-
 def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
     """The joint of the left and of the right foot that touches the floor: the ankle.
 
@@ -43,7 +33,9 @@ def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
     return skeleton.index("left_ankle"), skeleton.index("right_ankle")
 
 
-def follow_floor(xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton) -> Path:
+def follow_floor(
+    xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton
+) -> FloatArray:
     """The path (T, 3) near `root` along which standing feet neither slide nor leave the floor.
 
     xyz: (T, J, 3) poses with the first joint at the origin. root: (T, 3) found frame by frame, NaN
@@ -52,11 +44,10 @@ def follow_floor(xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton
     """
     path = _filled(root)
     path = _solve(path, np.zeros((len(path), 2), bool), xyz, time_s, skeleton)
-    contact = contacts(xyz, path, time_s, skeleton)
     for _ in range(2):
-        path = _solve(_filled(root), contact, xyz, time_s, skeleton)
         contact = contacts(xyz, path, time_s, skeleton)
-    return Path(path, contact)
+        path = _solve(_filled(root), contact, xyz, time_s, skeleton)
+    return path
 
 
 def contacts(
@@ -80,14 +71,6 @@ def _drop_short(flags: BoolArray, time_s: FloatArray) -> None:
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         if time_s[stop - 1] - time_s[start] < _SHORTEST_S:
             flags[start:stop] = False
-
-
-def foot_slide(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
-    """How far standing feet move from frame to frame, mean in mm; NaN where none stands."""
-    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
-    moved = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
-    both = contact[1:] & contact[:-1]
-    return float(moved[both].mean()) if both.any() else float("nan")
 
 
 def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
