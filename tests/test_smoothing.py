@@ -164,13 +164,12 @@ def test_missing_stays_missing_and_nothing_else_does(
     np.testing.assert_array_equal(values, before)
 
 
-@given(st.floats(-1e6, 1e6), st.integers(5, 30), models, windows)
+# Subnormal numbers, down to 5e-324, have no relative precision.
+@given(st.floats(-1e6, 1e6, allow_subnormal=False), st.integers(5, 30), models, windows)
 @settings(deadline=None, max_examples=100)
 def test_rest_is_preserved(value: float, length: int, model: str, window: int) -> None:
     values = np.full((length, 2), value)
-    # Subnormal numbers, down to 5e-324, have no relative precision.
-    smoothed = smooth(values, model=model, window=window)
-    np.testing.assert_allclose(smoothed, values, rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(smooth(values, model=model, window=window), values, rtol=1e-9)
 
 
 @given(sequences, st.floats(-5, 5), st.sampled_from(LINEAR), windows)
