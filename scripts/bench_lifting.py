@@ -16,11 +16,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dance2pose.lifting import dictionary, limits
-from dance2pose.lifting.camera import fit_camera
-from dance2pose.lifting.paper import lift_points
-from dance2pose.lifting.pursuit import PursuitSettings, pursue
-from dance2pose.mocap.corpus import retarget
+from dance2pose.body import retarget
+from dance2pose.lifting.pursuit import dictionary
+from dance2pose.lifting.pursuit.camera import fit_camera
+from dance2pose.lifting.pursuit.paper import lift_points
+from dance2pose.lifting.pursuit.pursue import PursuitSettings, pursue
+from dance2pose.limits import model as limits
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 

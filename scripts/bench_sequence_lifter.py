@@ -13,9 +13,9 @@ import time
 
 import numpy as np
 
-from dance2pose.lifting.dictionary import load
 from dance2pose.lifting.lifted import Observed
-from dance2pose.lifting.sequence import lift_frames
+from dance2pose.lifting.pursuit.dictionary import load
+from dance2pose.lifting.temporal.sequence import lift_frames
 from dance2pose.poses import FloatArray
 
 

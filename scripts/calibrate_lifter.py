@@ -16,7 +16,7 @@ import numpy as np
 import onnx
 
 from dance2pose.assets import asset
-from dance2pose.lifting import depth
+from dance2pose.lifting.temporal import depth
 from dance2pose.mocap.corpus import read_takes
 from lifter_training.calibration import sigma_factors
 from train_lifter import HELD_OUT

@@ -23,9 +23,9 @@ import scipy
 from dance2pose.evaluation import plots
 from dance2pose.evaluation.limits_check import JointLimits
 from dance2pose.evaluation.limits_trade_off import plot_trade_off, trade_off, trade_off_table
-from dance2pose.lifting import limits
-from dance2pose.lifting.limits_ab15 import read_authors_limits
-from dance2pose.lifting.limits_learning import (
+from dance2pose.limits import model as limits
+from dance2pose.limits.ab15 import read_authors_limits
+from dance2pose.limits.learning import (
     Margins,
     ObservationSettings,
     observe,

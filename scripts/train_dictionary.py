@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from dance2pose.lifting.dictionary import save
-from dance2pose.lifting.dictionary_learning import LearningSettings, learn, training_poses
+from dance2pose.lifting.pursuit.dictionary import save
 from dance2pose.mocap.corpus import read_takes
+from dictionary_training.learning import LearningSettings, learn, training_poses
 
 SCRIPT_VERSION = "1"
 SKELETONS = ("cmu17", "paper15", "body17")

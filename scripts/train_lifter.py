@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from dance2pose.lifting.network import network_output
+from dance2pose.lifting.temporal.network import network_output
 from dance2pose.mocap.corpus import read_takes
 from lifter_training.calibration import joint_errors
 from lifter_training.model import DepthNetwork, export

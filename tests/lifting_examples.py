@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dance2pose.lifting import dictionary
-from dance2pose.lifting.alignment import similarity
-from dance2pose.mocap.corpus import body_bones_mm, retarget
+from dance2pose.body import body_bones_mm, retarget
+from dance2pose.lifting.pursuit import dictionary
+from dance2pose.lifting.pursuit.alignment import similarity
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dance2pose.lifting.bones import likely_projections
-from dance2pose.mocap.corpus import body_bones_mm
+from dance2pose.body import body_bones_mm
+from dance2pose.lifting.temporal.bones import likely_projections
 
 
 def test_a_bone_that_no_such_body_has_gets_the_likely_length() -> None:

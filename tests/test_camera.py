@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from dance2pose.lifting.alignment import body_axes, mirrored, similarity, to_body_axes
-from dance2pose.lifting.camera import centred, fit_camera, rotation_from_vector
+from dance2pose.lifting.pursuit.alignment import (
+    body_axes,
+    mirrored,
+    similarity,
+    to_body_axes,
+)
+from dance2pose.lifting.pursuit.camera import centred, fit_camera, rotation_from_vector
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 

@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dance2pose.body import body_bones_mm, bone_lengths, retarget
 from dance2pose.errors import DataError, UsageError
-from dance2pose.lifting.dictionary import Dictionary, load, read, save
-from dance2pose.lifting.dictionary_learning import (
+from dance2pose.lifting.pursuit.dictionary import Dictionary, load, read, save
+from dance2pose.mocap.corpus import Take
+from dance2pose.poses import FloatArray
+from dance2pose.skeleton import get
+from dictionary_training.learning import (
     LearningSettings,
     distinct,
     learn,
     training_poses,
 )
-from dance2pose.mocap.corpus import Take, body_bones_mm, bone_lengths, retarget
-from dance2pose.poses import FloatArray
-from dance2pose.skeleton import get
 
 SKELETONS = ("cmu17", "paper15", "body17")
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dance2pose.body import body_bones_mm, retarget
 from dance2pose.commands.evaluate import evaluate as evaluate_command
 from dance2pose.errors import DataError, OutputError, UsageError
 from dance2pose.evaluation import plots, report
@@ -36,7 +37,7 @@ from dance2pose.evaluation.scoring import average, perturbed, run, score
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Table
 from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.mocap.corpus import Take, body_bones_mm, retarget
+from dance2pose.mocap.corpus import Take
 from dance2pose.poses import FloatArray
 from dance2pose.progress import Silent
 from dance2pose.skeleton import get

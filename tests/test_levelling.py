@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dance2pose.lifting.levelling import camera_tilt_deg, levelled
-from dance2pose.mocap.corpus import BODY_HEIGHT_MM
+from dance2pose.body import BODY_HEIGHT_MM
+from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
 from dance2pose.poses import FloatArray, Track3D
 from dance2pose.skeleton import get
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from dance2pose import lifting
+from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.commands.lift import lift as lift_command
 from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import read_poses, write_track
-from dance2pose.lifting.limits import load as load_limits
-from dance2pose.mocap.corpus import BODY_HEIGHT_MM
+from dance2pose.limits.model import load as load_limits
 from dance2pose.poses import FloatArray, Track2D
 from dance2pose.skeleton import get
 from lifting_examples import pa_mpjpe, posed
@@ -182,7 +182,8 @@ def test_the_numerical_core_loads_neither_video_nor_onnx_nor_rerun() -> None:
 import sys
 import numpy as np
 from dance2pose import lifting, smoothing
-from dance2pose.lifting import dictionary_learning, limits
+from dictionary_training import learning as dictionary_learning
+from dance2pose.limits import model as limits
 from dance2pose.mocap import corpus
 from dance2pose.poses import Track2D
 xy = np.random.default_rng(0).normal(size=(3, 17, 2)) * 100

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from dance2pose.errors import DataError, UsageError
 from dance2pose.evaluation.limits_check import score, turned
-from dance2pose.lifting import limits
-from dance2pose.lifting.limits import Limits, limited_bones, parent_bone
-from dance2pose.lifting.limits_ab15 import read_authors_limits
-from dance2pose.lifting.limits_learning import Margins, bin_centres, observe, widen
+from dance2pose.limits import model as limits
+from dance2pose.limits.ab15 import read_authors_limits
+from dance2pose.limits.learning import Margins, bin_centres, observe, widen
+from dance2pose.limits.model import Limits, limited_bones, parent_bone
 from dance2pose.mocap.corpus import read_take
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get

@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dance2pose.body import BODY_HEIGHT_MM, body_bones_mm, bone_lengths, retarget
 from dance2pose.errors import DataError, UsageError
 from dance2pose.mocap.asf_amc import read_asf_amc
 from dance2pose.mocap.bvh import read_bvh
 from dance2pose.mocap.corpus import (
-    BODY_HEIGHT_MM,
     Take,
-    body_bones_mm,
-    bone_lengths,
     cmu17_positions,
     read_asf_amc_take,
     read_take,
     read_takes,
     resample,
-    retarget,
 )
 from dance2pose.mocap.motion import forward_kinematics
 from dance2pose.skeleton import get

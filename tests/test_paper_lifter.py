@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dance2pose.body import body_bones_mm
 from dance2pose.errors import UsageError
-from dance2pose.lifting import dictionary, limits
-from dance2pose.lifting.bone_depths import with_exact_depths
 from dance2pose.lifting.lifted import Observed
-from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights, lift_frames, lift_points
-from dance2pose.lifting.pursuit import PursuitSettings
-from dance2pose.mocap.corpus import body_bones_mm, read_take
+from dance2pose.lifting.pursuit import dictionary
+from dance2pose.lifting.pursuit.bone_depths import with_exact_depths
+from dance2pose.lifting.pursuit.paper import (
+    FEWEST_JOINTS,
+    keypoint_weights,
+    lift_frames,
+    lift_points,
+)
+from dance2pose.lifting.pursuit.pursue import PursuitSettings
+from dance2pose.limits import model as limits
+from dance2pose.mocap.corpus import read_take
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import get
 from lifting_examples import pa_mpjpe, posed

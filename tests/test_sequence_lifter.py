@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dance2pose.body import body_bones_mm
 from dance2pose.errors import UsageError
-from dance2pose.lifting import limits
 from dance2pose.lifting.lift import lift
 from dance2pose.lifting.lifted import Observed
-from dance2pose.lifting.sequence import LONGEST_GAP_S, SequenceSettings, lift_frames
-from dance2pose.mocap.corpus import Take, body_bones_mm, read_take, resample
+from dance2pose.lifting.temporal.sequence import LONGEST_GAP_S, SequenceSettings, lift_frames
+from dance2pose.limits import model as limits
+from dance2pose.mocap.corpus import Take, read_take, resample
 from dance2pose.poses import FloatArray, Track2D
 from dance2pose.skeleton import get
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dance2pose.lifting.dictionary import load
-from dance2pose.lifting.sizes import SIZE_ERROR, growth, sizes
-from dance2pose.mocap.corpus import body_bones_mm
+from dance2pose.body import body_bones_mm
+from dance2pose.lifting.pursuit.dictionary import load
+from dance2pose.lifting.temporal.apparent_size import SIZE_ERROR, growth, sizes
 from dance2pose.skeleton import get
 
 BODY = body_bones_mm("cmu17")

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dance2pose.lifting.lifted import Observed
-from dance2pose.lifting.sequence import lift_frames
+from dance2pose.lifting.temporal.sequence import lift_frames
 from dance2pose.mocap.corpus import Take
 from dance2pose.poses import FloatArray
 

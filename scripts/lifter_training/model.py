@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from dance2pose.lifting.network import FEATURES, JOINTS, OUTPUTS
+from dance2pose.lifting.temporal.network import FEATURES, JOINTS, OUTPUTS
 
 _TAPS = 5
 _DILATIONS = (1, 2, 4, 1, 2, 4)
@@ -47,7 +47,7 @@ class Block(nn.Module):
 
 
 class DepthNetwork(nn.Module):
-    """Features (B, T, F) to outputs (B, T, J, 5); see dance2pose.lifting.network."""
+    """Features (B, T, F) to outputs (B, T, J, 5); see dance2pose.lifting.temporal.network."""
 
     def __init__(self, width: int = 384, blocks: int = 4) -> None:
         super().__init__()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dance2pose.lifting.network import (
+from dance2pose.lifting.temporal.network import (
     JOINTS,
     RATE_HZ,
     NetworkInput,

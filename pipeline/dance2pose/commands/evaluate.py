@@ -62,7 +62,7 @@ def evaluate(
     _check(views=views, window=window, tilt_deg=tilt_deg, rate_hz=rate_hz, seed=seed)
     from dance2pose.evaluation.limits_check import JointLimits
     from dance2pose.evaluation.report import evaluate as run
-    from dance2pose.lifting.limits_ab15 import read_authors_limits
+    from dance2pose.limits.ab15 import read_authors_limits
 
     published: list[tuple[str, JointLimits]] = []
     if authors_limits is not None:

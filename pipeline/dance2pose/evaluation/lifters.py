@@ -9,10 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
 
-from dance2pose.lifting import paper, sequence
 from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.lifting.pursuit import PursuitSettings
-from dance2pose.lifting.sequence import SequenceSettings
+from dance2pose.lifting.pursuit import paper
+from dance2pose.lifting.pursuit.pursue import PursuitSettings
+from dance2pose.lifting.temporal import sequence
+from dance2pose.lifting.temporal.sequence import SequenceSettings
 
 
 @dataclass(frozen=True)

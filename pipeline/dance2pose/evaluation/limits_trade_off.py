@@ -20,7 +20,7 @@ from dance2pose.evaluation.limits_check import (
 )
 from dance2pose.evaluation.metrics import mean_over
 from dance2pose.evaluation.tables import Cell, Table
-from dance2pose.lifting.limits_learning import (
+from dance2pose.limits.learning import (
     Margins,
     ObservationSettings,
     observe,

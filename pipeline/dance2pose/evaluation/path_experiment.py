@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dance2pose import skeleton as skeletons
+from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.evaluation.cameras import IMAGE_SIZE, rotation
 from dance2pose.evaluation.metrics import foot_slide, mean_over, true_contacts
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Cell, Table
-from dance2pose.lifting.levelling import camera_tilt_deg, levelled
 from dance2pose.lifting.lift import lift_in_camera
-from dance2pose.mocap.corpus import BODY_HEIGHT_MM, Take, resample
+from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
+from dance2pose.mocap.corpus import Take, resample
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D
 from dance2pose.progress import Progress
 

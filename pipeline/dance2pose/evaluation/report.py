@@ -23,7 +23,7 @@ from dance2pose.evaluation.path_experiment import path_table
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Cell, Table
 from dance2pose.evaluation.writing import ASSETS, REPORT, Report
-from dance2pose.lifting import limits
+from dance2pose.limits import model as limits
 from dance2pose.mocap.corpus import Take, read_takes
 from dance2pose.output_files import check_output
 from dance2pose.progress import Progress

@@ -16,7 +16,7 @@ from dance2pose import skeleton as skeletons
 from dance2pose.evaluation import metrics
 from dance2pose.evaluation.cameras import Scene
 from dance2pose.evaluation.lifters import LifterEntry
-from dance2pose.lifting import limits
+from dance2pose.limits import model as limits
 from dance2pose.poses import FloatArray
 from dance2pose.progress import Progress
 

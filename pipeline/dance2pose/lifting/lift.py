@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dance2pose import skeleton as skeletons
+from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.errors import DataError, UsageError
-from dance2pose.lifting import limits
-from dance2pose.lifting.levelling import levelled
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
-from dance2pose.lifting.perspective import ASSUMED_FOV
-from dance2pose.mocap.corpus import BODY_HEIGHT_MM
+from dance2pose.lifting.world.ground_plane import levelled
+from dance2pose.lifting.world.perspective import ASSUMED_FOV
+from dance2pose.limits import model as limits
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
 
 # Each is imported when it is asked for: the default one brings its network with it.
@@ -202,11 +202,11 @@ def observe(
 
 def _lifter(name: str) -> Lifter:
     if name == "paper":
-        from dance2pose.lifting.paper import lift_frames
+        from dance2pose.lifting.pursuit.paper import lift_frames
 
         return lift_frames
     if name == "default":
-        from dance2pose.lifting import sequence
+        from dance2pose.lifting.temporal import sequence
 
         return sequence.lift_frames
     raise UsageError(f"unknown lifter {name!r}; known: {', '.join(LIFTERS)}")

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from dance2pose.body import body_bones_mm, bone_lengths, retarget
 from dance2pose.errors import DataError, UsageError
 from dance2pose.mocap.asf_amc import read_asf_amc
 from dance2pose.mocap.bvh import read_bvh
 from dance2pose.mocap.motion import Motion, forward_kinematics
 from dance2pose.npz_files import read_arrays
 from dance2pose.poses import FloatArray
-from dance2pose.skeleton import Skeleton, convert, get
+from dance2pose.skeleton import convert, get
 
 # The nodes of the three rigs (CMU as BVH, Poser as BVH, CMU as ASF/AMC), in the order of cmu17.
 _CMU_RIG = tuple(
@@ -35,26 +36,6 @@ _ASF_RIG = tuple(
     "root thorax lhumerus lradius lwrist rhumerus rradius rwrist head lfemur ltibia lfoot ltoes "
     "rfemur rtibia rfoot rtoes".split()
 )
-
-# Bone lengths of the one body, mm, in the order of cmu17's bones: the body that the CMU actions
-# corpus is given on, its left and right sides made equal.
-BODY_BONES_MM: FloatArray = np.array(
-    [232.7, *(204.7, 279.1, 189.7) * 2, 175.0, *(141.7, 428.4, 409.3, 125.8) * 2]
-)
-# From sole to crown when that body stands: its ankles are 0.94 m below the root, the soles about
-# 0.08 m lower; the base of the skull is 0.41 m above it, the crown about 0.22 m higher.
-BODY_HEIGHT_MM = 1650.0
-
-# body17 has a body of its own of the same height, because cmu17's is not what keypoint models
-# see: the BVH rig has no thorax (about 105 mm of trunk) and ends the forearm a third early.
-# Fractions of height after the segment lengths of Drillis and Contini (in Winter, Biomechanics
-# and Motor Control of Human Movement): hips at 0.530, shoulders at 0.818 (hence the trunk), ears
-# at 0.93, upper arm 0.186, forearm 0.146, thigh 0.245, shin 0.246. Shoulders and hips are half
-# the distance between joint centres, which is narrower than the body; toe is ankle to big toe.
-_BODY17_FRACTIONS = np.array(
-    [0.288, *(0.110, 0.180, 0.146) * 2, 0.112, *(0.056, 0.245, 0.246, 0.115) * 2]
-)
-BODY17_BONES_MM: FloatArray = _BODY17_FRACTIONS * BODY_HEIGHT_MM
 
 # Takes that come as cmu17 positions alone have no node in the skull: the point between the ears
 # lies beyond the base of the skull, on the line from the upper back, by this part of that line
@@ -75,20 +56,6 @@ class Take:
     root: FloatArray | None
     rate_hz: float
     skeleton: str = "cmu17"
-
-
-def body_bones_mm(skeleton: str) -> FloatArray:
-    """Bone lengths (J - 1,) mm of the one body in a lifting skeleton."""
-    if skeleton == "cmu17":
-        return BODY_BONES_MM.copy()
-    if skeleton == "body17":
-        return BODY17_BONES_MM.copy()
-    if skeleton == "paper15":  # cmu17's bones, by the joint they end at, without the toes
-        cmu = get("cmu17")
-        names = ["upper_back" if name == "neck" else name for name in get(skeleton).joints[1:]]
-        lengths: FloatArray = BODY_BONES_MM[[cmu.index(name) - 1 for name in names]]
-        return lengths
-    raise UsageError(f"no body is defined for skeleton {skeleton!r}: cmu17, paper15 or body17")
 
 
 def cmu17_positions(motion: Motion, source: str = "motion") -> FloatArray:
@@ -159,20 +126,6 @@ def body17_from_cmu17(cmu17: FloatArray) -> FloatArray:
     return _body17_from(cmu17, head + _EARS_BEYOND_HEAD * neck)
 
 
-def retarget(xyz: FloatArray, skeleton: Skeleton, lengths: FloatArray) -> FloatArray:
-    """The same bone directions with other bone lengths, root at the origin.
-
-    xyz: (..., J, 3); lengths: (J - 1,). A bone of length zero stays of length zero.
-    """
-    out = np.zeros_like(xyz)
-    for (parent, child), length in zip(skeleton.bones, lengths, strict=True):
-        bone = xyz[..., child, :] - xyz[..., parent, :]
-        norm = np.linalg.norm(bone, axis=-1, keepdims=True)
-        direction = np.divide(bone, norm, out=np.zeros_like(bone), where=norm > 0)
-        out[..., child, :] = out[..., parent, :] + length * direction
-    return out
-
-
 def resample(take: Take, rate_hz: float) -> Take:
     """The take at another frame rate, its first frame kept; no filter against aliasing.
 
@@ -228,15 +181,6 @@ def _on_one_body(name: str, motion: Motion, source: str, rate: float, skeleton: 
     tree = get(skeleton)
     to_mm = lengths.sum() / bone_lengths(xyz, tree).sum()
     return Take(name, retarget(xyz, tree, lengths), xyz[:, 0] * to_mm, rate, skeleton)
-
-
-def bone_lengths(xyz: FloatArray, skeleton: Skeleton) -> FloatArray:
-    """Median length (J - 1,) of each bone over frames (T, J, 3)."""
-    parents, children = np.array(skeleton.bones).T
-    lengths: FloatArray = np.nanmedian(
-        np.linalg.norm(xyz[:, children] - xyz[:, parents], axis=-1), axis=0
-    )
-    return lengths
 
 
 def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:

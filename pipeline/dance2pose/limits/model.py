@@ -221,7 +221,7 @@ class Limits:
         From the torso outwards, each refused bone takes the valid direction closest to its own;
         bones that are valid, and the torso, keep theirs. Unknown bones stay as they are.
         """
-        from dance2pose.lifting.limits_projection import project
+        from dance2pose.limits.projection import project
 
         return project(self, self._flat(xyz)).reshape(xyz.shape)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dance2pose.mocap.corpus import BODY17_BONES_MM, BODY_BONES_MM
+from dance2pose.body import BODY17_BONES_MM, BODY_BONES_MM
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import get
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from dance2pose.lifting.smoothness import second_difference_bands
+from dance2pose.lifting.temporal.smoothness import second_difference_bands
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
 

@@ -20,9 +20,9 @@ from functools import cache
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from dance2pose.lifting.camera import WeakPerspective, rotation_from_vector
-from dance2pose.lifting.dictionary import Dictionary
-from dance2pose.lifting.greedy import Frames, PoseLimits, Pursuit, PursuitSettings
+from dance2pose.lifting.pursuit.camera import WeakPerspective, rotation_from_vector
+from dance2pose.lifting.pursuit.dictionary import Dictionary
+from dance2pose.lifting.pursuit.greedy import Frames, PoseLimits, Pursuit, PursuitSettings
 from dance2pose.poses import FloatArray
 
 __all__ = ["PoseLimits", "Pursuit", "PursuitSettings", "pursue"]

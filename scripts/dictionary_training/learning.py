@@ -14,10 +14,11 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
+from dance2pose.body import body_bones_mm
 from dance2pose.errors import DataError
-from dance2pose.lifting.alignment import mirrored, to_body_axes
-from dance2pose.lifting.dictionary import Dictionary
-from dance2pose.mocap.corpus import Take, body_bones_mm
+from dance2pose.lifting.pursuit.alignment import mirrored, to_body_axes
+from dance2pose.lifting.pursuit.dictionary import Dictionary
+from dance2pose.mocap.corpus import Take
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 

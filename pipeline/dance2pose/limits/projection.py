@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from dance2pose import skeleton as skeletons
-from dance2pose.lifting.limits import (
+from dance2pose.limits.model import (
     AZIMUTHS,
     BIN_DEGREES,
     ELEVATIONS,

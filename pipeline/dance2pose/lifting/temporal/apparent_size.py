@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dance2pose.lifting.smoothness import smooth_path
+from dance2pose.lifting.temporal.smoothness import smooth_path
 from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import Skeleton
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dance2pose import skeleton as skeletons
-from dance2pose.lifting.trajectory import contacts, floor_level, foot_joints
+from dance2pose.lifting.world.root_trajectory import contacts, floor_level, foot_joints
 from dance2pose.poses import FloatArray, Track3D
 
 # A dancer is upright only about so, degrees; a plane through feet is known the better, the farther

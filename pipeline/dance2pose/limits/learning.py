@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from dance2pose.lifting import limits as model
-from dance2pose.lifting.limits import AZIMUTHS, BIN_DEGREES, ELEVATIONS, BodyFrames, Limits
+from dance2pose.limits import model
+from dance2pose.limits.model import AZIMUTHS, BIN_DEGREES, ELEVATIONS, BodyFrames, Limits
 from dance2pose.mocap.corpus import Take, resample
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get

@@ -14,23 +14,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dance2pose import skeleton as skeletons
-from dance2pose.lifting import depth, limits
-from dance2pose.lifting.bones import (
+from dance2pose.body import body_bones_mm, retarget
+from dance2pose.lifting.lifted import Lifted, Observed
+from dance2pose.lifting.pursuit.paper import FEWEST_JOINTS, keypoint_weights
+from dance2pose.lifting.temporal import depth
+from dance2pose.lifting.temporal.apparent_size import SIZE_ERROR, growth, sizes
+from dance2pose.lifting.temporal.bones import (
     PRIOR_SPREAD,
     likely_projections,
     track_bone_lengths,
     with_bone_lengths,
 )
-from dance2pose.lifting.depth import Depth
-from dance2pose.lifting.flips import settle_depths
-from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.lifting.network import longest_projections
-from dance2pose.lifting.paper import FEWEST_JOINTS, keypoint_weights
-from dance2pose.lifting.perspective import camera_of, place, seen_straight, towards
-from dance2pose.lifting.sizes import SIZE_ERROR, growth, sizes
-from dance2pose.lifting.smoothness import frame_noise, smooth_path
-from dance2pose.lifting.trajectory import follow_floor
-from dance2pose.mocap.corpus import body_bones_mm, retarget
+from dance2pose.lifting.temporal.depth import Depth
+from dance2pose.lifting.temporal.depth_signs import settle_depths
+from dance2pose.lifting.temporal.network import longest_projections
+from dance2pose.lifting.temporal.smoothness import frame_noise, smooth_path
+from dance2pose.lifting.world.perspective import camera_of, place, seen_straight, towards
+from dance2pose.lifting.world.root_trajectory import follow_floor
+from dance2pose.limits import model as limits
 from dance2pose.poses import FloatArray, IntArray
 
 # A dancer who is out of sight for longer than this is not guessed at.

@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from dance2pose.errors import UsageError
-from dance2pose.lifting.anthropometric import constrained_least_squares
-from dance2pose.lifting.camera import WeakPerspective, centred, fit_camera
-from dance2pose.lifting.dictionary import Dictionary
+from dance2pose.lifting.pursuit.anthropometric import constrained_least_squares
+from dance2pose.lifting.pursuit.camera import WeakPerspective, centred, fit_camera
+from dance2pose.lifting.pursuit.dictionary import Dictionary
 from dance2pose.poses import BoolArray, FloatArray, IntArray
 
 # Gauss-Newton steps of the camera: at the start, and after each atom, where little changes.

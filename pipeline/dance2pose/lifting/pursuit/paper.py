@@ -16,12 +16,13 @@ import numpy as np
 
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import UsageError
-from dance2pose.lifting import dictionary, limits
-from dance2pose.lifting.bone_depths import with_exact_depths
-from dance2pose.lifting.camera import centred
-from dance2pose.lifting.dictionary import Dictionary
 from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.lifting.pursuit import PoseLimits, PursuitSettings, pursue
+from dance2pose.lifting.pursuit import dictionary
+from dance2pose.lifting.pursuit.bone_depths import with_exact_depths
+from dance2pose.lifting.pursuit.camera import centred
+from dance2pose.lifting.pursuit.dictionary import Dictionary
+from dance2pose.lifting.pursuit.pursue import PoseLimits, PursuitSettings, pursue
+from dance2pose.limits import model as limits
 from dance2pose.poses import FloatArray
 
 # Rotation, scale and place of the camera are six numbers, two joints give four: with fewer than

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.assets import asset
-from dance2pose.lifting.network import (
+from dance2pose.lifting.temporal.network import (
     JOINTS,
     RATE_HZ,
     NetworkInput,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dance2pose.lifting.pursuit import PoseLimits
+from dance2pose.lifting.pursuit.pursue import PoseLimits
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
 

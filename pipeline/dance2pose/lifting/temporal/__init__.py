@@ -1,0 +1,1 @@
+"""The default lifter: depth from a network, then one body solved over the whole track."""

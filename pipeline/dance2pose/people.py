@@ -1,0 +1,80 @@
+"""The ONNX models of a run, and the people that they find in frame after frame."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from dance2pose.config import Settings
+from dance2pose.detection import Detector, load_detector
+from dance2pose.errors import UsageError
+from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
+from dance2pose.onnx_models.inference import default_threads
+from dance2pose.poses import Boxes, Frame, Image, Poses2D
+
+
+@dataclass(frozen=True)
+class PoseModels:
+    """The ONNX models of a run: a detector and a keypoint model, or a one-stage model alone."""
+
+    detector: Detector | None
+    estimator: KeypointEstimator | OneStageEstimator
+
+    @property
+    def skeleton(self) -> str:
+        return self.estimator.skeleton
+
+    def find(self, image: Image) -> tuple[Boxes, Poses2D]:
+        """The people of one picture, as boxes and keypoints in the same order."""
+        if isinstance(self.estimator, OneStageEstimator):
+            return self.estimator.find(image)
+        assert self.detector is not None  # held by load_models
+        boxes = self.detector.detect(image)
+        return boxes, self.estimator.estimate(image, boxes)
+
+
+def load_models(settings: Settings) -> PoseModels:
+    """Load the models that the settings name. Raises UsageError where one is not named.
+
+    Each runs in one thread: several frames side by side use the cores better than several threads
+    within the small operators of one frame do (see `find_ahead`).
+    """
+    if settings.pose is None:
+        raise UsageError(
+            "no keypoint model is named; name ONNX models with --detector D.onnx --pose P.onnx\n"
+            "or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
+            "and `dance2pose demo` shows a result without any"
+        )
+    estimator = load_pose_model(settings.pose, threads=1)
+    if isinstance(estimator, OneStageEstimator):
+        return PoseModels(None, estimator)
+    if settings.detector is None:
+        raise UsageError(
+            f"{settings.pose}: estimates keypoints inside boxes; name a person detector as well "
+            "with --detector D.onnx"
+        )
+    return PoseModels(load_detector(settings.detector, threads=1), estimator)
+
+
+def find_ahead(
+    frames: Iterable[Frame], models: PoseModels
+) -> Iterator[tuple[Frame, tuple[Boxes, Poses2D]]]:
+    """The frames in order, each with its people, found in as many threads as there are cores.
+
+    At most one frame more than there are threads is held, whatever the length of the video.
+    """
+    threads = default_threads()
+    waiting: deque[tuple[Frame, Future[tuple[Boxes, Poses2D]]]] = deque()
+    with ThreadPoolExecutor(threads, thread_name_prefix="models") as pool:
+        try:
+            for frame in frames:
+                waiting.append((frame, pool.submit(models.find, frame.image)))
+                if len(waiting) > threads:
+                    done, people = waiting.popleft()
+                    yield done, people.result()
+            for done, people in waiting:
+                yield done, people.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,1 @@
+"""How the pose dictionaries of the paper's lifter are learned."""
