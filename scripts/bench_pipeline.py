@@ -34,12 +34,12 @@ import av
 import numpy as np
 import onnxruntime
 
-from dance2pose.config import Settings
 from dance2pose.detection import load_detector
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
 from dance2pose.onnx_models.inference import Session
+from dance2pose.options import Settings
 from dance2pose.poses import Poses2D
-from dance2pose.reconstruct import reconstruct
+from dance2pose.reconstruction import reconstruct
 from dance2pose.video import open_video
 
 TARGET_OF_SESSION, TARGET_OF_RTMLIB, TARGET_PX = 0.85, 1.3, 2.0
@@ -85,8 +85,8 @@ def main() -> None:
 
 
 def measure_speed(options: argparse.Namespace, folder: Path) -> None:
-    settings = Settings(
-        detector=options.detector, pose=options.pose, lifter=options.lifter, end=options.seconds
+    settings = Settings.of(
+        detector=options.detector, pose=options.pose, lifter=options.lifter, end_s=options.seconds
     )
     models = Models(options.detector, options.pose)
     turns: dict[str, Callable[[], Turn]] = {
@@ -123,7 +123,7 @@ def compare(other: str, target: float, best: dict[str, Turn], least: dict[str, f
 
 def chain(video: Path, settings: Settings, output: Path) -> Turn:
     wall, cpu = time.perf_counter(), time.process_time()
-    summary = reconstruct(video, output, settings=settings, overwrite=True)
+    summary = reconstruct(video, output, settings, overwrite=True)
     return Turn(summary.frames, time.perf_counter() - wall, time.process_time() - cpu)
 
 

@@ -18,12 +18,12 @@ import cv2
 import numpy as np
 
 from dance2pose import demo
-from dance2pose.config import Settings
 from dance2pose.detection import load_detector
 from dance2pose.exchange import read_track
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
+from dance2pose.options import OutputOptions
 from dance2pose.poses import Boxes, Track2D
-from dance2pose.reconstruct import reconstruct
+from dance2pose.reconstruction import reconstruct
 from demo_training.backgrounds import backgrounds
 from figure_renderer.pool import open_pool, start_pool
 
@@ -119,8 +119,8 @@ def _tracks(video: Path, detector: Path, pose: Path) -> list[Track2D]:
     """The tracks of the whole chain, the most prominent dancer first; COCO keypoints."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.rrd"
-        settings = Settings(detector=detector, pose=pose, picture="none")
-        files = reconstruct(video, out, settings=settings).files
+        no_picture = OutputOptions(picture="none")
+        files = reconstruct(video, out, outputs=no_picture, detector=detector, pose=pose).files
         return [read_track(path) for path in files if path.name.endswith(".track.npz")]
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from dance2pose.poses import Dancer, Track2D, Track3D
+from dance2pose.poses import Dancer, Frame, Timeline, Track2D, Track3D
 from dance2pose.provenance import Provenance, SourceFile
 from dance2pose.skeleton import get
 
@@ -50,7 +51,14 @@ def make_dancer(
     box[~lost] = [x - 20, 10, x + 20, size[1] - 10]
     box[2:3] = np.nan
     track = Track2D(
-        person, frames, times, xy, confidence, KEYPOINTS, np.zeros(rows, bool), box, size
+        person,
+        Timeline(frames, times),
+        xy,
+        confidence,
+        KEYPOINTS,
+        np.zeros(rows, bool),
+        box,
+        size,
     )
 
     def lifted(noise: float) -> Track3D:
@@ -59,8 +67,7 @@ def make_dancer(
         xyz[lost], error[lost] = np.nan, np.nan
         return Track3D(
             person,
-            frames,
-            times,
+            Timeline(frames, times),
             xyz,
             "body heights",
             JOINTS,
@@ -72,6 +79,16 @@ def make_dancer(
         )
 
     return Dancer(track, lifted(0.02), lifted(0.005))
+
+
+def timeline_of(frames: Sequence[Frame]) -> Timeline:
+    """The timeline of frames that were read."""
+    return Timeline(
+        np.array([f.index for f in frames], np.int64), np.array([f.time_s for f in frames], float)
+    )
+
+
+NO_FRAMES = timeline_of([])
 
 
 def make_provenance(name: str = "dance.mp4") -> Provenance:

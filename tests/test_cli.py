@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dance2pose.cli import main
-from dance2pose.config import Settings
 from dance2pose.errors import UsageError
+from dance2pose.options import OutputOptions, Settings, SmoothOptions
 
 
 def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -54,11 +54,15 @@ def test_every_command_has_help(command: str) -> None:
     ("arguments", "said"),
     [
         (["clip.mp4", "--windw", "3"], "--window"),
-        (["clip.mp4", "--window", "0"], "--window 0: expected 1 or more"),
+        (["clip.mp4", "--window", "0"], "window 0: expected a whole number, 1 or more"),
+        (["clip.mp4", "--window", "5.5"], "5.5: expected a whole number"),
+        (["clip.mp4", "--lifter", "paper", "--camera", "perspective"], "weak-perspective"),
+        (["clip.mp4", "-o", "tape"], ".rrd"),
+        (["clip.mp4", "-o", "tape.npz"], ".rrd"),
         (["clip.mp4", "--smooth", "median"], "median"),
-        (["clip.mp4", "--person", "-1"], "--person"),
+        (["clip.mp4", "--person", "-1"], "person"),
         (["clip.mp4", "--height", "162"], "metres"),
-        (["clip.mp4", "--end", "1", "--start", "2"], "--end"),
+        (["clip.mp4", "--end", "1", "--start", "2"], "end"),
         (["clip.mp4", "--config", "absent.toml"], "absent.toml"),
     ],
 )
@@ -83,17 +87,20 @@ def test_a_missing_video_is_one_line_and_status_1(tmp_path: Path) -> None:
 def test_settings_file_has_the_names_of_the_options(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: list[Settings] = []
+    seen: list[tuple[Settings, OutputOptions]] = []
     monkeypatch.setattr(
         "dance2pose.commands.reconstruct.run",
-        lambda video, output, settings, **_: seen.append(settings),
+        lambda video, output, settings, outputs, **_: seen.append((settings, outputs)),
     )
     file = tmp_path / "run.toml"
     file.write_text('smooth = "ema"\nwindow = 9\npose = "p.onnx"\nnpz = false\n')
     assert status("clip.mp4", "--config", str(file)) == 0
     assert status("clip.mp4", "--config", str(file), "--window", "4") == 0
-    assert seen[0] == Settings(smooth="ema", window=9, pose=Path("p.onnx"), npz=False)
-    assert seen[1].window == 4  # the command line wins over the file
+    assert seen[0] == (
+        Settings.of(model="ema", window=9, pose="p.onnx"),
+        OutputOptions(npz=False),
+    )
+    assert seen[1][0].smooth.window == 4  # the command line wins over the file
 
 
 def test_unknown_keys_and_broken_settings_files_are_refused(
@@ -110,6 +117,6 @@ def test_unknown_keys_and_broken_settings_files_are_refused(
 
 def test_settings_check_themselves() -> None:
     with pytest.raises(UsageError, match="every"):
-        Settings(every=0)
-    assert Settings().temporal_model == "none"
-    assert Settings(lifter="paper").temporal_model == "mma"
+        Settings.of(every=0)
+    assert SmoothOptions().model_after("default") == "none"
+    assert SmoothOptions().model_after("paper") == "mma"

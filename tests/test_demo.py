@@ -16,7 +16,7 @@ from dance2pose import demo
 from dance2pose.assets import asset
 from dance2pose.errors import DataError, OutputError
 from dance2pose.exchange import read_poses, read_track
-from dance2pose.poses import Track2D, Track3D
+from dance2pose.poses import Timeline, Track2D, Track3D
 from dance2pose.skeleton import convert
 from dance2pose.video import open_video
 
@@ -85,7 +85,7 @@ def test_the_chain_is_as_accurate_as_it_was(run: Run) -> None:
 def test_a_second_run_does_not_replace_the_first_unless_told(run: Run) -> None:
     before = (run.folder / "demo.rrd").read_bytes()
     again = offline("demo", cwd=run.folder.parent)
-    assert again.returncode == 1
+    assert again.returncode == 2
     assert "--overwrite" in again.stderr
     assert again.stderr.count("\n") == 1
     assert (run.folder / "demo.rrd").read_bytes() == before
@@ -143,8 +143,7 @@ def perfect(truth: demo.Truth) -> tuple[Track2D, Track3D]:
     frame = np.arange(length)
     track = Track2D(
         person=1,
-        frame=frame,
-        time_s=truth.time_s,
+        timeline=Timeline(frame, truth.time_s),
         xy=truth.keypoints.copy(),
         confidence=np.ones(truth.keypoints.shape[:2]),
         skeleton="coco23",
@@ -154,8 +153,7 @@ def perfect(truth: demo.Truth) -> tuple[Track2D, Track3D]:
     )
     poses = Track3D(
         person=1,
-        frame=frame,
-        time_s=truth.time_s,
+        timeline=Timeline(frame, truth.time_s),
         xyz=xyz - xyz[:, :1],
         unit="metres",
         skeleton="body17",
@@ -202,12 +200,14 @@ def test_rows_are_compared_by_their_times() -> None:
     some = replace(
         track,
         **{name: getattr(track, name)[odd] for name in
-           ("frame", "time_s", "xy", "confidence", "interpolated", "box")},
+           ("xy", "confidence", "interpolated", "box")},
+        timeline=Timeline(track.frame[odd], track.time_s[odd]),
     )  # fmt: skip
     some_poses = replace(
         poses,
         **{name: getattr(poses, name)[odd] for name in
-           ("frame", "time_s", "xyz", "reprojection_error", "valid", "estimated")},
+           ("xyz", "reprojection_error", "valid", "estimated")},
+        timeline=Timeline(track.frame[odd], track.time_s[odd]),
     )  # fmt: skip
     found = demo.accuracy(some, some_poses, truth)
     assert found.pa_mpjpe_mm == pytest.approx(0, abs=1e-6)

@@ -14,7 +14,7 @@ from dance2pose import skeleton
 from dance2pose.errors import DataError, OutputError
 from dance2pose.exchange import read_poses, read_track, write_poses, write_track
 from dance2pose.npz_files import read_arrays, write_arrays
-from dance2pose.poses import Track2D, Track3D
+from dance2pose.poses import Timeline, Track2D, Track3D
 
 T = 7
 
@@ -28,8 +28,9 @@ def _track() -> Track2D:
     confidence[2, 5] = 0
     return Track2D(
         person=3,
-        frame=np.arange(4, 4 + T, dtype=np.int64) * 2,
-        time_s=np.array([0.1, 0.15, 0.3, 0.31, 0.5, 0.6, 0.7]),
+        timeline=Timeline(
+            np.arange(4, 4 + T, dtype=np.int64) * 2, np.array([0.1, 0.15, 0.3, 0.31, 0.5, 0.6, 0.7])
+        ),
         xy=xy,
         confidence=confidence,
         skeleton="halpe26",
@@ -45,8 +46,7 @@ def _poses(*, bare: bool) -> Track3D:
     joints = len(skeleton.get("paper15"))
     return Track3D(
         person=2,
-        frame=np.arange(T, dtype=np.int64),
-        time_s=np.linspace(0, 1, T),
+        timeline=Timeline(np.arange(T, dtype=np.int64), np.linspace(0, 1, T)),
         xyz=rng.normal(size=(T, joints, 3)),
         unit="metres",
         skeleton="paper15",

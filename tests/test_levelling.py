@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
-from dance2pose.poses import FloatArray, Track3D
+from dance2pose.poses import FloatArray, Timeline, Track3D
 from dance2pose.skeleton import get
 
 FRAMES, JOINTS = 70, 17
@@ -39,8 +39,7 @@ def seen_by_tilted_camera(tilt_deg: float, *, lean_deg: float = 0.0, far: float 
     turn = Rotation.from_euler("x", tilt_deg, degrees=True).as_matrix()
     return Track3D(
         person=1,
-        frame=np.arange(FRAMES),
-        time_s=np.arange(FRAMES) / 25.0,
+        timeline=Timeline(np.arange(FRAMES), np.arange(FRAMES) / 25.0),
         xyz=np.repeat((body @ turn.T)[None], FRAMES, axis=0),
         unit="body heights",
         skeleton="body17",

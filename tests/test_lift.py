@@ -17,7 +17,8 @@ from dance2pose.commands.lift import lift as lift_command
 from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import read_poses, write_track
 from dance2pose.limits.model import load as load_limits
-from dance2pose.poses import FloatArray, Track2D
+from dance2pose.options import LiftOptions
+from dance2pose.poses import FloatArray, Timeline, Track2D
 from dance2pose.skeleton import get
 from lifting_examples import pa_mpjpe, posed
 
@@ -27,8 +28,7 @@ def track_of(xy: FloatArray, skeleton: str, **changes: object) -> Track2D:
     seen = np.isfinite(xy).all(axis=-1)
     track = Track2D(
         person=3,
-        frame=np.arange(10, 10 + 2 * frames, 2),
-        time_s=0.4 + np.arange(frames) / 12.5,
+        timeline=Timeline(np.arange(10, 10 + 2 * frames, 2), 0.4 + np.arange(frames) / 12.5),
         xy=xy.astype(np.float32),
         confidence=np.where(seen, 0.8, 0.0).astype(np.float32),
         skeleton=skeleton,
@@ -148,12 +148,12 @@ def test_keypoints_without_confidence_are_not_believed() -> None:
 @pytest.mark.parametrize(
     ("change", "options", "error", "message"),
     [
-        ({}, {"lifter": "magic"}, UsageError, "unknown lifter 'magic'; known: default, paper"),
-        ({}, {"camera": "fisheye"}, UsageError, "unknown camera"),
+        ({}, {"lifter": "magic"}, UsageError, "lifter 'magic': expected default, paper"),
+        ({}, {"camera": "fisheye"}, UsageError, "camera 'fisheye': expected"),
         ({}, {"camera": "perspective"}, UsageError, "perspective"),
-        ({}, {"height_m": 0.0}, UsageError, "body height of 0.0 m"),
-        ({}, {"height_m": float("nan")}, UsageError, "body height of nan m"),
-        ({}, {"height_m": 170.0}, UsageError, "body height of 170.0 m"),
+        ({}, {"height_m": 0.0}, UsageError, "height 0: expected a body height in metres"),
+        ({}, {"height_m": float("nan")}, UsageError, "height nan"),
+        ({}, {"height_m": 170.0}, UsageError, "height 170: expected a body height"),
         ({"skeleton": "octopus8"}, {}, UsageError, "unknown skeleton 'octopus8'"),
         ({"skeleton": "halpe26"}, {}, DataError, "17 keypoints, halpe26 has 26"),
         ({"confidence": np.full((7, 17), np.nan)}, {}, DataError, "not a number"),
@@ -182,13 +182,11 @@ def test_the_numerical_core_loads_neither_video_nor_onnx_nor_rerun() -> None:
 import sys
 import numpy as np
 from dance2pose import lifting, smoothing
-from dictionary_training import learning as dictionary_learning
 from dance2pose.limits import model as limits
 from dance2pose.mocap import corpus
 from dance2pose.poses import Track2D
 xy = np.random.default_rng(0).normal(size=(3, 17, 2)) * 100
-track = Track2D(1, np.arange(3), np.arange(3) / 25.0, xy, np.ones((3, 17)), "cmu17",
-                np.zeros(3, bool), np.full((3, 4), np.nan), (640, 480))
+track = Track2D.from_arrays(xy, time_s=np.arange(3) / 25.0, skeleton="cmu17", image_size=(640, 480))
 lifting.lift(track, lifter="paper")
 print(" ".join(name for name in ("av", "cv2", "onnxruntime", "rerun", "torch", "cyclopts", "rich")
                if name in sys.modules))
@@ -199,12 +197,18 @@ print(" ".join(name for name in ("av", "cv2", "onnxruntime", "rerun", "torch", "
 
 # --- the command ---
 
+PAPER = LiftOptions(lifter="paper")
+
 
 def test_the_command_lifts_a_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     track = track_of(image_of(posed("body17")), "body17")
     write_track(tmp_path / "track.npz", track)
     output = tmp_path / "poses.npz"
-    lift_command(tmp_path / "track.npz", output=output, lifter="paper", height=1.6)
+    lift_command(
+        tmp_path / "track.npz",
+        output=output,
+        options=LiftOptions(lifter="paper", height_m=1.6),
+    )
     back = read_poses(output)
     expected = lifting.lift(track, lifter="paper", height_m=1.6)
     np.testing.assert_allclose(back.xyz, expected.xyz, atol=1e-3)
@@ -226,7 +230,7 @@ def test_the_command_reads_openpose_folders(tmp_path: Path) -> None:
         (folder / f"clip_{t:012d}_keypoints.json").write_text(json.dumps(document))
     output = tmp_path / "poses.npz"
     lift_command(
-        folder, output=output, lifter="paper", skeleton="coco17", independent=True, quiet=True
+        folder, output=output, options=PAPER, skeleton="coco17", independent=True, quiet=True
     )
     assert read_poses(output).xyz.shape == (5, 17, 3)
 
@@ -235,9 +239,9 @@ def test_the_command_refuses_and_leaves_nothing(tmp_path: Path) -> None:
     write_track(tmp_path / "empty.npz", track_of(np.full((4, 17, 2), np.nan), "coco17"))
     output = tmp_path / "out.npz"
     with pytest.raises(DataError, match="enough keypoints"):
-        lift_command(tmp_path / "empty.npz", output=output, lifter="paper")
-    with pytest.raises(UsageError, match="ends so"):
-        lift_command(tmp_path / "empty.npz", output=tmp_path / "out.csv", lifter="paper")
+        lift_command(tmp_path / "empty.npz", output=output, options=PAPER)
+    with pytest.raises(UsageError, match=r"ends in \.npz"):
+        lift_command(tmp_path / "empty.npz", output=tmp_path / "out.csv", options=PAPER)
     with pytest.raises(DataError, match=r"gone\.npz"):
-        lift_command(tmp_path / "gone.npz", output=output, lifter="paper")
+        lift_command(tmp_path / "gone.npz", output=output, options=PAPER)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.npz"]

@@ -14,8 +14,8 @@ from dance2pose.provenance import (
     describe_settings,
     describe_video,
     file_sha256,
+    identity_of,
     library_versions,
-    recording_id_for,
 )
 from dance2pose.video import VideoInfo, open_video
 from recording_making import make_dancer, make_provenance
@@ -27,6 +27,12 @@ class Settings:
     pose: Path | None = None
     window: int = 5
     height: float | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    sha256: str
+    manifest: str
 
 
 def info_of(path: Path) -> VideoInfo:
@@ -43,24 +49,24 @@ def test_sha256_of_a_file_and_of_what_it_becomes(tmp_path: Path) -> None:
         file_sha256(tmp_path / "gone")
 
 
-def test_recording_id_is_of_the_content_and_the_settings(tmp_path: Path) -> None:
+def test_identity_is_of_the_content_the_models_and_the_settings(tmp_path: Path) -> None:
     video = numbered_video(tmp_path / "a.mp4", count=3)
     (tmp_path / "elsewhere").mkdir()
     copy = tmp_path / "elsewhere" / "copy.mp4"
     copy.write_bytes(video.read_bytes())
     other = numbered_video(tmp_path / "b.mp4", count=4)
-    model = tmp_path / "m.onnx"
-    model.write_bytes(b"model")
+    model = Model("ab", "raw grid")
 
-    settings = Settings(pose=model)
-    first = recording_id_for(info_of(video), settings)
-    assert first == recording_id_for(info_of(copy), settings)
-    assert first != recording_id_for(info_of(other), settings)
-    assert first != recording_id_for(info_of(video), replace(settings, window=7))
-    moved = model.rename(tmp_path / "elsewhere" / "same_model.onnx")
-    assert first == recording_id_for(info_of(video), replace(settings, pose=moved))
-    moved.write_bytes(b"another model")
-    assert first != recording_id_for(info_of(video), replace(settings, pose=moved))
+    settings = Settings(pose=tmp_path / "m.toml")
+    first = identity_of(info_of(video), [model], settings)
+    assert first == identity_of(info_of(copy), [model], settings)
+    assert first != identity_of(info_of(other), [model], settings)
+    assert first != identity_of(info_of(video), [model], replace(settings, window=7))
+    moved = replace(settings, pose=tmp_path / "elsewhere" / "m.toml")
+    assert first == identity_of(info_of(video), [model], moved)
+    # One manifest's name, another model or another way of reading it.
+    assert first != identity_of(info_of(video), [Model("cd", "raw grid")], settings)
+    assert first != identity_of(info_of(video), [Model("ab", "with NMS")], settings)
 
 
 def test_page_holds_every_fact() -> None:

@@ -16,7 +16,7 @@ from dance2pose.recording import writer as recording_module
 from dance2pose.recording.writer import RecordingWriter
 from dance2pose.skeleton import get
 from dance2pose.video import open_video
-from recording_making import JOINTS, KEYPOINTS, Recording, make_dancer, make_provenance
+from recording_making import JOINTS, KEYPOINTS, Recording, make_dancer, make_provenance, timeline_of
 from video_making import numbered_video, read_number
 
 FRAMES = 11
@@ -59,7 +59,7 @@ def record(
             )
             for n in range(dancers)
         ]
-        out.write(made, make_provenance())
+        out.write(made, make_provenance(), timeline_of(seen))
     return Recording(path), made
 
 
@@ -99,12 +99,12 @@ def test_keypoints_and_joints_are_those_given(
     for dancer in dancers:
         n = dancer.person
         for entity, component, values in (
-            (f"/video/dancer_{n}/keypoints", "Points2D:positions", dancer.track.xy),
+            (f"/video/dancer_{n}/keypoints", "Points2D:positions", dancer.keypoints.xy),
             (f"/world/dancer_{n}/joints", "Points3D:positions", dancer.smoothed.xyz),
             (f"/world/dancer_{n}/raw", "Points3D:positions", dancer.raw.xyz),
         ):
             frame, found = rows_of(recording, entity, component)
-            assert frame == [*dancer.track.frame, 10]
+            assert frame == [*dancer.keypoints.frame, 10]
             np.testing.assert_array_equal(found[:-1], values.astype(np.float32))
             assert np.isnan(found[-1]).all(), "the frame after the last must take the dancer off"
 
@@ -139,7 +139,7 @@ def test_times_are_the_frames_own(
     recording, dancers, _ = recorded
     rows = recording.rows("/video/dancer_1/keypoints", "Points2D:positions")
     found = [time_s for _, time_s, _ in rows[:-1]]
-    np.testing.assert_allclose(found, dancers[0].track.time_s, atol=2e-9)
+    np.testing.assert_allclose(found, dancers[0].keypoints.time_s, atol=2e-9)
     assert np.ptp(np.diff(found)) > 0.05
 
 
@@ -156,7 +156,7 @@ def test_boxes_are_those_given_and_absent_where_nobody_was_detected(
     recording, dancers, _ = recorded
     centres = recording.rows("/video/dancer_1/box", "Boxes2D:centers")
     halves = recording.rows("/video/dancer_1/box", "Boxes2D:half_sizes")
-    for row, box in enumerate(dancers[0].track.box):
+    for row, box in enumerate(dancers[0].keypoints.box):
         centre, half = centres[row][2], halves[row][2]
         if np.isnan(box).any():
             assert centre == half == []
@@ -169,7 +169,7 @@ def test_boxes_are_those_given_and_absent_where_nobody_was_detected(
 def test_plots_hold_angles_and_trust(recorded: tuple[Recording, list[Dancer], Path]) -> None:
     recording, dancers, _ = recorded
     dancer = dancers[1]
-    track, joints = dancer.track, dancer.smoothed
+    track, joints = dancer.keypoints, dancer.smoothed
 
     def plot(name: str) -> np.ndarray:
         return rows_of(recording, f"/plots/dancer_2/{name}", "Scalars:scalars")[1][:, 0]
@@ -301,12 +301,13 @@ def test_frames_are_recorded_as_they_come(
         open_video(video) as frames,
         RecordingWriter(path, recording_id="id", picture="frames", video=frames.info) as out,
     ):
-        times = []
+        seen = []
         for frame in frames:
             out.picture_frame(frame)
-            times.append(frame.time_s)
+            seen.append(frame)
             sizes.append(sum(p.stat().st_size for p in tmp_path.iterdir()))
-        out.write([], make_provenance())
+        out.write([], make_provenance(), timeline_of(seen))
+    times = timeline_of(seen).time_s
     assert sizes[-1] - sizes[2] > 2000, "pictures must not wait for the end of the video"
     rows = Recording(path).rows("/video", "EncodedImage:blob")
     assert [frame for frame, _, _ in rows] == list(range(FRAMES))

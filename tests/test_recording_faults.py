@@ -16,7 +16,7 @@ from dance2pose.commands.view import view
 from dance2pose.errors import Dance2PoseError, DataError, OutputError, VideoError
 from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import VideoInfo, open_video
-from recording_making import Recording, make_provenance
+from recording_making import NO_FRAMES, Recording, make_provenance
 from video_making import numbered_video
 
 # Records pictures without end, until something stops it.
@@ -107,7 +107,7 @@ def test_an_older_recording_is_kept_until_the_new_one_is_whole(
         raise ValueError("mistake")
     assert path.read_bytes() == b"older"
     with RecordingWriter(path, **arguments) as out:  # type: ignore[arg-type]
-        out.write([], make_provenance())
+        out.write([], make_provenance(), NO_FRAMES)
     assert path.read_bytes().startswith(b"RRF2")
     assert files(tmp_path) == ["out.rrd"]
 
@@ -162,7 +162,7 @@ def test_a_disk_that_fills_up_at_the_very_end_is_noticed(
             pytest.raises(OutputError, match="too large"),
             RecordingWriter(path, recording_id="id", picture="none", video=info) as out,
         ):
-            out.write([], make_provenance())
+            out.write([], make_provenance(), NO_FRAMES)
             (part,) = tmp_path.iterdir()
             resource.setrlimit(resource.RLIMIT_FSIZE, (part.stat().st_size + room, hard))
     finally:
@@ -177,7 +177,7 @@ def test_where_there_are_no_pipes_rerun_writes_the_file(
     monkeypatch.setattr("dance2pose.recording.stream._PIPES", tmp_path / "none")
     path = tmp_path / "out.rrd"
     with RecordingWriter(path, recording_id="id", picture="none", video=info) as out:
-        out.write([], make_provenance())
+        out.write([], make_provenance(), NO_FRAMES)
     assert "/provenance" in Recording(path).entities
 
 
@@ -216,7 +216,7 @@ def test_view_refuses_what_is_no_whole_recording(
     elif content:
         whole = tmp_path / "whole.rrd"
         with RecordingWriter(whole, recording_id="id", picture="none", video=info) as out:
-            out.write([], make_provenance())
+            out.write([], make_provenance(), NO_FRAMES)
         data = whole.read_bytes()
         path.write_bytes(data if content == "whole" else data[: len(data) // 2])
     with pytest.raises(DataError, match=says) as caught:
@@ -236,7 +236,7 @@ def test_view_starts_the_viewer_for_this_machine_only(
     monkeypatch.chdir(tmp_path)
     path = Path("--serve-web; touch x.rrd")
     with RecordingWriter(path, recording_id="id", picture="none", video=info) as out:
-        out.write([], make_provenance())
+        out.write([], make_provenance(), NO_FRAMES)
     stand_in = tmp_path / "viewer"
     stand_in.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > arguments\nexit ${STATUS:-0}\n')
     stand_in.chmod(0o755)

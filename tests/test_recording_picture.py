@@ -15,7 +15,7 @@ from dance2pose.recording import picture as picture_module
 from dance2pose.recording.picture import choose_picture, ffmpeg_plays, viewer_timestamps_ns
 from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import VideoInfo, open_video
-from recording_making import Recording, make_provenance
+from recording_making import Recording, make_provenance, timeline_of
 from video_making import make_video, numbered, numbered_video, woven
 
 TIMES_MS = [0, 40, 80, 160, 200, 210, 300, 340, 500, 540, 600, 720]
@@ -193,11 +193,12 @@ def test_every_reference_is_to_the_frame_that_was_processed(
     with open_video(path, start_s=start_s, every=every) as frames:
         info = frames.info
         with RecordingWriter(out, recording_id="id", picture="video", video=info) as writer:
-            processed = []
+            processed, seen = [], []
             for frame in frames:
                 writer.picture_frame(frame)
                 processed.append(frame.index)
-            writer.write([], make_provenance())
+                seen.append(frame)
+            writer.write([], make_provenance(), timeline_of(seen))
     recording = Recording(out)
     rows = recording.rows("/video", "VideoFrameReference:timestamp")
     assert [frame for frame, _, _ in rows] == processed

@@ -17,7 +17,7 @@ from dance2pose.lifting.lifted import Observed
 from dance2pose.lifting.temporal.sequence import LONGEST_GAP_S, SequenceSettings, lift_frames
 from dance2pose.limits import model as limits
 from dance2pose.mocap.corpus import Take, read_take, resample
-from dance2pose.poses import FloatArray, Track2D
+from dance2pose.poses import FloatArray, Timeline, Track2D
 from dance2pose.skeleton import get
 
 pytestmark = pytest.mark.shared
@@ -62,8 +62,7 @@ def track(given: Observed, skeleton: str = "cmu17") -> Track2D:
     frames = len(given)
     return Track2D(
         person=3,
-        frame=np.arange(5, 5 + frames),
-        time_s=given.time_s,
+        timeline=Timeline(np.arange(5, 5 + frames), given.time_s),
         xy=given.xy * [1.0, -1.0],
         confidence=given.confidence,
         skeleton=skeleton,

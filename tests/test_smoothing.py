@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dance2pose.errors import UsageError
-from dance2pose.poses import Track3D
+from dance2pose.poses import Timeline, Track3D
 from dance2pose.smoothing import MODELS, check_window, smooth, smooth_track
 
 T, J = 23, 5
@@ -338,8 +338,7 @@ def _poses(length: int, *, root: bool) -> Track3D:
     xyz[1, 4] = np.nan
     return Track3D(
         person=2,
-        frame=np.arange(length, dtype=np.int64) * 3,
-        time_s=np.arange(length) / 10,
+        timeline=Timeline(np.arange(length, dtype=np.int64) * 3, np.arange(length) / 10),
         xyz=xyz,
         unit="body heights",
         skeleton="paper15",

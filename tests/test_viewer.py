@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import pytest
 
-from dance2pose.config import Settings
-from dance2pose.poses import Dancer
-from dance2pose.reconstruct import reconstruct
+from dance2pose.options import Settings
+from dance2pose.poses import Dancer, Timeline
+from dance2pose.reconstruction import reconstruct
 from dance2pose.recording.picture import ffmpeg_plays
 from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import open_video
-from recording_making import make_dancer, make_provenance
+from recording_making import make_dancer, make_provenance, timeline_of
 from video_making import make_video, numbered, numbered_video, read_number
 
 pytestmark = pytest.mark.viewer
@@ -71,20 +71,22 @@ def record(video: Path, path: Path, picture: str, *, dancers: bool) -> list[Danc
         made = [make_dancer(n, x=30.0 * n, **rows) for n in (1, 2)] if dancers else []  # type: ignore[arg-type]
         # The second leaves after frame 5.
         made[1:] = [_until(d, 6) for d in made[1:]]
-        out.write(made, make_provenance())
+        out.write(made, make_provenance(), timeline_of(seen))
     return made
 
 
 def _until(dancer: Dancer, rows: int) -> Dancer:
     """The first rows of a dancer."""
     per_row = {
-        "track": "frame time_s xy confidence interpolated box",
-        "raw": "frame time_s xyz reprojection_error valid estimated sigma",
-        "smoothed": "frame time_s xyz reprojection_error valid estimated sigma",
+        "keypoints": "xy confidence interpolated box",
+        "raw": "xyz reprojection_error valid estimated sigma",
+        "smoothed": "xyz reprojection_error valid estimated sigma",
     }
+    timeline = Timeline(dancer.timeline.frame[:rows], dancer.timeline.time_s[:rows])
     parts = {
         part: replace(
             getattr(dancer, part),
+            timeline=timeline,
             **{name: getattr(getattr(dancer, part), name)[:rows] for name in names.split()},
         )
         for part, names in per_row.items()
@@ -133,12 +135,12 @@ def test_a_real_dancer_is_seen_in_every_view(shared: Path, tmp_path: Path) -> No
     reconstruct(
         shared / "videos" / "contemporary_dance.mp4",
         path,
-        settings=Settings(
+        Settings.of(
             detector=models / "picodet_s_320_pedestrian.onnx",
             pose=models / "pp_tinypose_256x192.onnx",
             lifter="paper",
-            start=3.0,
-            end=4.0,
+            start_s=3.0,
+            end_s=4.0,
         ),
     )
     for picture in look(path, [3.1, 3.5, 3.9]):

@@ -1,7 +1,8 @@
 """The command line: which commands there are, and how their failures reach the terminal.
 
 Commands live in `dance2pose.commands` and are imported only when they are called, so that
-`dance2pose --help` answers at once.
+`dance2pose --help` answers at once. Nothing below this module and those knows the library that
+parses the command line: options are plain dataclasses (`dance2pose.options`), flattened here.
 """
 
 from __future__ import annotations
@@ -18,25 +19,44 @@ from typing import Annotated, Any, NoReturn
 from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, Token
 
 from dance2pose import __version__
-from dance2pose.config import Settings, read_settings_file, user_config_path
-from dance2pose.errors import Dance2PoseError, UsageError
-
-app = App(
-    name="dance2pose",
-    help="From a single-camera dance video to 3D motion that can be reviewed, exported and kept.",
-    version=__version__,
-    help_format="plaintext",
-    help_formatter="plain",
-    default_parameter=Parameter(negative=()),
+from dance2pose.command_line import (
+    FLAT,
+    PARAMETERS,
+    SMOOTH_FLAT,
+    SWITCHES_FLAT,
+    HelpFormatter,
 )
-for _command, _summary in {
+from dance2pose.errors import Dance2PoseError, OutputExistsError, UsageError
+from dance2pose.options import (
+    LiftOptions,
+    OutputOptions,
+    Settings,
+    SmoothOptions,
+    VideoOptions,
+    nearest,
+)
+from dance2pose.settings_file import read_settings_file, user_config_path
+
+COMMANDS = {
     "demo": "Run the bundled clip through the bundled models.",
     "lift": "Lift 2D keypoints of any tool to 3D poses.",
     "smooth": "Smooth a sequence of poses of any tool over time.",
     "evaluate": "Reproduce the paper's experiments on motion capture.",
     "models": "List, inspect and download ONNX models.",
     "view": "Open a recording in the Rerun viewer.",
-}.items():
+}
+# The exit status of wrong usage, of any other failure, and of a run that was stopped.
+_USAGE, _FAILURE, _STOPPED = 2, 1, 130
+
+app = App(
+    name="dance2pose",
+    help="From a single-camera dance video to 3D motion that can be reviewed, exported and kept.",
+    version=__version__,
+    help_format="plaintext",
+    help_formatter=HelpFormatter(),
+    default_parameter=PARAMETERS,
+)
+for _command, _summary in COMMANDS.items():
     app.command(f"dance2pose.commands.{_command}:{_command}", name=_command, help=_summary)
 
 
@@ -45,7 +65,13 @@ def reconstruct(
     video: Path,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    settings: Settings | None = None,
+    detector: Path | None = None,
+    pose: Path | None = None,
+    person: str = Settings.person,
+    lift: Annotated[LiftOptions | None, FLAT] = None,
+    smooth: Annotated[SmoothOptions | None, SMOOTH_FLAT] = None,
+    part: Annotated[VideoOptions | None, FLAT] = None,
+    outputs: Annotated[OutputOptions | None, SWITCHES_FLAT] = None,
     config: Path | None = None,
     overwrite: bool = False,
     quiet: bool = False,
@@ -57,18 +83,32 @@ def reconstruct(
     video
         The video file to process.
     output
-        The recording to write; VIDEO's name with .rrd in this folder if not given.
+        The recording to write, a name in .rrd; after the video, in this folder, if not given.
+    detector
+        ONNX person detector, or the TOML manifest beside it.
+    pose
+        ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector.
+    person
+        Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N.
     config
         TOML file of settings, named as the options are.
     overwrite
-        Replace files that exist.
+        Replace files that dance2pose wrote.
     quiet
         Show no progress and no summary.
     """
     del config  # read before the command line is parsed, see main()
     from dance2pose.commands.reconstruct import run
 
-    run(video, output, settings or Settings(), overwrite=overwrite, quiet=quiet)
+    settings = Settings(
+        detector=detector,
+        pose=pose,
+        person=person,
+        video=part or VideoOptions(),
+        lift=lift or LiftOptions(),
+        smooth=smooth or SmoothOptions(),
+    )
+    run(video, output, settings, outputs or OutputOptions(), overwrite=overwrite, quiet=quiet)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -80,17 +120,22 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _exit_status(arguments: list[str]) -> int:
     try:
         app.config = _configuration(arguments)
-        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        app(
+            arguments or ["--help"],
+            exit_on_error=False,
+            print_error=False,
+            result_action="return_value",
+        )
     except CycloptsError as error:
-        return _fail(str(error), 2)
-    except UsageError as error:
-        return _fail(str(error), 2)
+        return _fail(" ".join(str(error).split()), _USAGE)
+    except (UsageError, OutputExistsError) as error:
+        return _fail(str(error), _USAGE)
     except Dance2PoseError as error:
-        return _fail(str(error), 1)
+        return _fail(str(error), _FAILURE)
     except KeyboardInterrupt:
-        return _fail("stopped; nothing half-written was left behind", 130)
+        return _fail("stopped", _STOPPED)
     except MemoryError:
-        return _fail("out of memory", 1)
+        return _fail("out of memory", _FAILURE)
     except Exception as error:
         # The last resort: whatever it was, the person at the terminal gets one line.
         if os.environ.get("DANCE2POSE_TRACEBACK"):
@@ -98,7 +143,7 @@ def _exit_status(arguments: list[str]) -> int:
         return _fail(
             f"internal error, please report it: {type(error).__name__}: {error} "
             "(DANCE2POSE_TRACEBACK=1 shows where)",
-            1,
+            _FAILURE,
         )
     return 0
 
@@ -115,8 +160,13 @@ def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _configuration(arguments: list[str]) -> list[SettingsFile]:
-    """The settings file that is named, else the user's own if there is one."""
+    """The settings file that is named, else the user's own if there is one.
+
+    Who asks for help or the version gets it, whatever the file holds.
+    """
     named = _option_value(arguments, "--config")
+    if not arguments or {"--help", "-h", "--version"} & set(arguments):
+        return []
     path = user_config_path() if named is None else Path(named)
     if named is None and not path.is_file():
         return []
@@ -134,6 +184,14 @@ class SettingsFile:
     source: str
     data: dict[str, Any]
 
+    def __post_init__(self) -> None:
+        for key, value in self.data.items():
+            if isinstance(value, dict) and key not in COMMANDS:
+                raise UsageError(
+                    f"{self.source}: unknown table [{key}]{nearest(key, COMMANDS)}; a table has "
+                    "the name of a command"
+                )
+
     def __call__(self, app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
         del app
         table = self.data
@@ -143,13 +201,17 @@ class SettingsFile:
                 return  # the option of that name, not the command's table
         for key, value in table.items():
             if not isinstance(value, dict):
-                self._give(key, value, arguments)
+                self._set(key, value, arguments)
 
-    def _give(self, key: str, value: object, arguments: ArgumentCollection) -> None:
+    def _set(self, key: str, value: object, arguments: ArgumentCollection) -> None:
+        option = f"--{key.replace('_', '-')}"
         try:
-            argument, _, _ = arguments.match(f"--{key.replace('_', '-')}")
+            argument, _, _ = arguments.match(option)
         except ValueError:
-            raise UsageError(f"{self.source}: unknown setting {key!r}") from None
+            known = [name.lstrip("-") for a in arguments for name in a.names]
+            raise UsageError(
+                f"{self.source}: unknown setting {key!r}{nearest(key.replace('_', '-'), known)}"
+            ) from None
         if isinstance(value, list):
             raise UsageError(f"{self.source}: {key} is a list, expected one value")
         if not argument.tokens:

@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.assets import asset
-from dance2pose.config import Settings
 from dance2pose.errors import DataError, OutputError
 from dance2pose.evaluation.metrics import pa_errors
 from dance2pose.exchange import read_poses, read_track
 from dance2pose.npz_files import read_arrays
+from dance2pose.options import OutputOptions, Settings
 from dance2pose.poses import FloatArray, Track2D, Track3D
 from dance2pose.progress import Progress
-from dance2pose.reconstruct import Summary, reconstruct
+from dance2pose.reconstruction import Summary, reconstruct
 from dance2pose.skeleton import get
 
 CLIP, TRUTH = "demo_clip.mp4", "demo_truth.npz"
@@ -82,14 +82,11 @@ def run_demo(
     where the installation lacks what the demo needs.
     """
     truth = read_truth()
-    settings = Settings(
-        detector=asset(DETECTOR),
-        pose=asset(POSE),
-        person="largest",
-        height=truth.stature_m,
-        # The recording shows JPEG frames, so that a viewer needs no decoder for H.264.
-        picture="frames",
+    settings = Settings.of(
+        detector=asset(DETECTOR), pose=asset(POSE), person="largest", height_m=truth.stature_m
     )
+    # The recording shows JPEG frames, so that a viewer needs no decoder for H.264.
+    outputs = OutputOptions(picture="frames")
     clip = asset(CLIP)
     try:
         folder.mkdir(exist_ok=True)
@@ -99,7 +96,7 @@ def run_demo(
         raise OutputError(f"{folder}: cannot be made: {error.strerror or error}") from error
     recording = folder / "demo.rrd"
     summary = reconstruct(
-        clip, recording, settings=settings, overwrite=overwrite, progress=progress
+        clip, recording, settings, outputs=outputs, overwrite=overwrite, progress=progress
     )
     track = read_track(recording.with_suffix(".track.npz"))
     poses = read_poses(recording.with_suffix(".npz"))

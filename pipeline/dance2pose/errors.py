@@ -27,3 +27,7 @@ class DataError(Dance2PoseError):
 
 class OutputError(Dance2PoseError):
     """A result cannot be written: folder missing or read-only, disk full, file exists."""
+
+
+class OutputExistsError(OutputError):
+    """A file is there already and may not be replaced (exit status 2)."""

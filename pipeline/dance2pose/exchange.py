@@ -3,13 +3,18 @@
 Track (2D): `xy` (T, J, 2) px, `confidence` (T, J), `time_s` (T,), `frame` (T,), `joints` (J,)
 names, `skeleton` a name, `image_size` (2,) width and height; optional `person`, `shot`,
 `interpolated` (T,), `box` (T, 4). Poses (3D): `xyz` (T, J, 3), `time_s`, `frame`, `joints`,
-`skeleton`, `unit`, `valid` (T, J - 1), `reprojection_error` (T, J); optional `person`,
+`skeleton`, `unit`, `valid` (T, J - 1), `reprojection_error` (T, J); optional `person`, `shot`,
 `estimated` (T, J), `sigma` (T, J), `root` (T, 3). The meaning of each is that of the field of
 the same name in `poses.Track2D` and `poses.Track3D`. Missing numbers are NaN.
+
+Both hold `format`, the text "dance2pose track 2" or "dance2pose poses 2", and `provenance`, JSON
+text ("{}" where nothing is known). Files of the first version have neither, and are read too.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -19,12 +24,25 @@ import numpy.typing as npt
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
 from dance2pose.npz_files import AnyArray, read_arrays, write_arrays
-from dance2pose.poses import Track2D, Track3D, Unit
+from dance2pose.poses import Timeline, Track2D, Track3D, Unit
+
+TRACK_FORMAT, POSES_FORMAT = "dance2pose track", "dance2pose poses"
+VERSION = 2
 
 
-def write_track(path: Path, track: Track2D, *, overwrite: bool = False) -> None:
-    """Write `track.npz`, complete or not at all. Raises OutputError."""
+def write_track(
+    path: Path,
+    track: Track2D,
+    *,
+    provenance: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write `track.npz`, complete or not at all. provenance: what JSON can hold.
+
+    Raises OutputError.
+    """
     arrays: dict[str, AnyArray] = {
+        **_about(TRACK_FORMAT, provenance),
         "xy": track.xy.astype(np.float32),
         "confidence": track.confidence.astype(np.float32),
         "time_s": track.time_s.astype(np.float64),
@@ -43,6 +61,7 @@ def write_track(path: Path, track: Track2D, *, overwrite: bool = False) -> None:
 def read_track(path: Path) -> Track2D:
     """Read `track.npz`; DataError names the file and the key that is not as it should be."""
     keys = _Keys(path, read_arrays(path))
+    keys.check_format(TRACK_FORMAT)
     if "xy" not in keys.arrays and "xyz" in keys.arrays:
         raise DataError(f"{path}: holds 3D poses (xyz), expected a 2D track (xy)")
     xy = keys.floats("xy", (None, None, 2))
@@ -55,8 +74,7 @@ def read_track(path: Path) -> Track2D:
     optional = keys.optional
     return Track2D(
         person=int(keys.integers("person", ())) if optional("person") else 1,
-        frame=keys.frames(length),
-        time_s=keys.times(length),
+        timeline=keys.timeline(length),
         xy=xy,
         confidence=keys.floats("confidence", (length, joints)),
         skeleton=keys.skeleton(joints),
@@ -71,9 +89,26 @@ def read_track(path: Path) -> Track2D:
     )
 
 
-def write_poses(path: Path, track: Track3D, *, overwrite: bool = False) -> None:
-    """Write `poses.npz`, complete or not at all. Raises OutputError."""
+def _about(kind: str, provenance: Mapping[str, Any] | None) -> dict[str, AnyArray]:
+    return {
+        "format": np.array(f"{kind} {VERSION}"),
+        "provenance": np.array(json.dumps(provenance or {}, ensure_ascii=False)),
+    }
+
+
+def write_poses(
+    path: Path,
+    track: Track3D,
+    *,
+    provenance: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write `poses.npz`, complete or not at all. provenance: what JSON can hold.
+
+    Raises OutputError.
+    """
     arrays: dict[str, AnyArray] = {
+        **_about(POSES_FORMAT, provenance),
         "xyz": track.xyz,
         "time_s": track.time_s.astype(np.float64),
         "frame": track.frame.astype(np.int64),
@@ -83,6 +118,7 @@ def write_poses(path: Path, track: Track3D, *, overwrite: bool = False) -> None:
         "valid": track.valid.astype(np.bool_),
         "reprojection_error": track.reprojection_error,
         "person": np.array(track.person, np.int64),
+        "shot": np.array(track.shot, np.int64),
         "estimated": track.estimated.astype(np.bool_),
     }
     if track.sigma is not None:
@@ -95,6 +131,7 @@ def write_poses(path: Path, track: Track3D, *, overwrite: bool = False) -> None:
 def read_poses(path: Path) -> Track3D:
     """Read `poses.npz`; DataError names the file and the key that is not as it should be."""
     keys = _Keys(path, read_arrays(path))
+    keys.check_format(POSES_FORMAT)
     if "xyz" not in keys.arrays and "xy" in keys.arrays:
         raise DataError(f"{path}: holds a 2D track (xy), expected 3D poses (xyz); lift it first")
     xyz = keys.floats("xyz", (None, None, 3))
@@ -104,8 +141,7 @@ def read_poses(path: Path) -> Track3D:
     optional = keys.optional
     return Track3D(
         person=int(keys.integers("person", ())) if optional("person") else 1,
-        frame=keys.frames(length),
-        time_s=keys.times(length),
+        timeline=keys.timeline(length),
         xyz=xyz,
         unit=keys.unit(),
         skeleton=keys.skeleton(joints),
@@ -116,7 +152,22 @@ def read_poses(path: Path) -> Track3D:
         else np.zeros((length, joints), np.bool_),
         sigma=keys.floats("sigma", (length, joints)) if optional("sigma") else None,
         root=keys.floats("root", (length, 3)) if optional("root") else None,
+        shot=int(keys.integers("shot", ())) if optional("shot") else 0,
     )
+
+
+def read_provenance(path: Path) -> dict[str, Any]:
+    """What a track or poses file says of its own making; empty for files of the first version."""
+    keys = _Keys(path, read_arrays(path))
+    if not keys.optional("provenance"):
+        return {}
+    try:
+        found = json.loads(keys.text("provenance"))
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{path}: provenance is not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise DataError(f"{path}: provenance is {type(found).__name__}, expected a JSON object")
+    return found
 
 
 class _Keys:
@@ -161,24 +212,26 @@ class _Keys:
     def text(self, key: str) -> str:
         return str(self.take(key, "U", ()))
 
-    def frames(self, length: int) -> npt.NDArray[np.int64]:
-        frame = self.integers("frame", (length,))
-        if (np.diff(frame) <= 0).any():
-            row = int(np.argmax(np.diff(frame) <= 0)) + 1
-            raise DataError(f"{self.path}: frame must increase; row {row} is {frame[row]}")
-        return frame
-
-    def times(self, length: int) -> npt.NDArray[np.float64]:
+    def timeline(self, length: int) -> Timeline:
         times = self.floats("time_s", (length,)).astype(np.float64)
-        bad = ~np.isfinite(times)
-        bad[1:] |= np.diff(times) < 0
-        if bad.any():
-            row = int(np.argmax(bad))
+        try:
+            return Timeline(self.integers("frame", (length,)), times)
+        except DataError as error:
+            raise DataError(f"{self.path}: {error}") from error
+
+    def check_format(self, kind: str) -> None:
+        """Files of the first version say nothing; a version that is yet to come is refused."""
+        if not self.optional("format"):
+            return
+        found = self.text("format")
+        known = {
+            f"{known} {n}" for known in (TRACK_FORMAT, POSES_FORMAT) for n in range(VERSION + 1)
+        }
+        if found not in known:
             raise DataError(
-                f"{self.path}: time_s must be seconds that do not run backwards;"
-                f" row {row} is {times[row]}"
+                f"{self.path}: format is {found!r}, expected {kind!r} up to version {VERSION}; "
+                "a newer dance2pose may have written it"
             )
-        return times
 
     def skeleton(self, joints: int) -> str:
         name = self.text("skeleton")

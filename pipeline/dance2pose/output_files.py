@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
-from dance2pose.errors import OutputError
+from dance2pose.errors import OutputError, OutputExistsError
 
 
 def check_output(path: Path, *, overwrite: bool) -> None:
@@ -20,13 +20,13 @@ def check_output(path: Path, *, overwrite: bool) -> None:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder, expected the name of a file to write")
     if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already; give --overwrite or another name with -o")
-    probe = _temporary_name(path)
+        raise OutputExistsError(f"{path}: exists already; give --overwrite or another name with -o")
+    probe = temporary_name(path)
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
 
 
 @contextlib.contextmanager
@@ -37,26 +37,27 @@ def written_whole(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     the file system refuses (folder missing, read-only, disk full, file exists).
     """
     check_output(path, overwrite=overwrite)
-    temporary = _temporary_name(path)
+    temporary = temporary_name(path)
     try:
         yield temporary
         if path.exists() and not overwrite:
-            raise OutputError(f"{path}: appeared while it was being written; not overwritten")
-        with temporary.open("rb") as written:
+            raise OutputExistsError(f"{path}: appeared while it was being written; not overwritten")
+        with temporary.open("r+b") as written:
             os.fsync(written.fileno())
         temporary.replace(path)
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _temporary_name(path: Path) -> Path:
+def temporary_name(path: Path) -> Path:
     """A hidden name in the same folder with the same suffix, short enough for any name length."""
     return path.with_name(f".{path.name[:60]}.{secrets.token_hex(4)}.part{path.suffix[:16]}")
 
 
-def _output_error(path: Path, error: OSError) -> OutputError:
+def output_error(path: Path, error: OSError) -> OutputError:
+    """What the file system refused, for the person who asked for `path`."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return OutputError(f"{path}: cannot be written, the disk is full; nothing was left behind")
     return OutputError(f"{path}: cannot be written: {error.strerror or error}")

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from dance2pose.config import Settings
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
 from dance2pose.onnx_models.inference import default_threads
+from dance2pose.onnx_models.recognition import ModelDescription
+from dance2pose.options import Settings
 from dance2pose.poses import Boxes, Frame, Image, Poses2D
 
 
@@ -25,6 +26,12 @@ class PoseModels:
     @property
     def skeleton(self) -> str:
         return self.estimator.skeleton
+
+    @property
+    def descriptions(self) -> tuple[ModelDescription, ...]:
+        """What each model is and how it is read."""
+        loaded = (self.detector, self.estimator)
+        return tuple(model.description for model in loaded if model is not None)
 
     def find(self, image: Image) -> tuple[Boxes, Poses2D]:
         """The people of one picture, as boxes and keypoints in the same order."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import read_track
-from dance2pose.poses import Boxes, Poses2D, Track2D
+from dance2pose.poses import Boxes, Poses2D, Timeline, Track2D
 from dance2pose.tracking.tracker import Tracker
 
 _LARGEST_JSON = 512 * 1024**2
@@ -266,8 +266,10 @@ def _surest(pictures: list[_Picture], skeleton: str, image_size: tuple[int, int]
             keypoints[row] = max(picture.people, key=lambda p: p.score).keypoints
     return Track2D(
         person=1,
-        frame=np.array([picture.index for picture in pictures], np.int64),
-        time_s=np.arange(length, dtype=np.float64),
+        timeline=Timeline(
+            np.array([picture.index for picture in pictures], np.int64),
+            np.arange(length, dtype=np.float64),
+        ),
         xy=keypoints[:, :, :2].astype(np.float32),
         confidence=keypoints[:, :, 2].astype(np.float32),
         skeleton=skeleton,

@@ -8,11 +8,14 @@ z towards the viewer (right-handed).
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+
+from dance2pose.errors import DataError
 
 FloatArray = npt.NDArray[np.floating[Any]]
 BoolArray = npt.NDArray[np.bool_]
@@ -30,6 +33,81 @@ def _require_shape(name: str, array: npt.NDArray[Any], shape: tuple[int | None, 
     if not matches:
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
+
+
+class ArrayRecord:
+    """Equality and a short text for dataclasses whose fields are arrays.
+
+    Two are equal where all fields are, missing numbers (NaN) being equal to missing numbers.
+    """
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
+
+
+def _same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
+    return bool(a == b)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Timeline(ArrayRecord):
+    """The frames of a sequence and when each was shown.
+
+    frame: (T,) int64, indices in the video; time_s: (T,) float64, presentation times in seconds.
+    Both strictly increase: a repeated or reversed time is no time, and a hole stays a hole.
+
+    Raises
+    ------
+    DataError
+        Where they do not increase, differ in length, or a time is not a number.
+
+    Examples
+    --------
+    >>> Timeline.regular(3, rate_hz=25)
+    Timeline(3 frames, 0 to 2, 0.000 to 0.080 s)
+    """
+
+    frame: IntArray
+    time_s: npt.NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        _require_shape("frame", self.frame, (None,))
+        _require_shape("time_s", self.time_s, (len(self.frame),))
+        _require_increasing("frame", self.frame)
+        _require_increasing("time_s", self.time_s)
+
+    @classmethod
+    def regular(cls, length: int, *, rate_hz: float, start_s: float = 0.0) -> Self:
+        """`length` frames from 0, `rate_hz` of them a second."""
+        frame = np.arange(length, dtype=np.int64)
+        return cls(frame, start_s + frame / rate_hz)
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Timeline(0 frames)"
+        return (
+            f"Timeline({len(self)} frames, {self.frame[0]} to {self.frame[-1]}, "
+            f"{self.time_s[0]:.3f} to {self.time_s[-1]:.3f} s)"
+        )
+
+
+def _require_increasing(name: str, values: npt.NDArray[Any]) -> None:
+    bad = ~np.isfinite(values)
+    bad[1:] |= ~(np.diff(values) > 0)
+    if bad.any():
+        row = int(np.argmax(bad))
+        before = f" after {values[row - 1]}" if row else ""
+        raise DataError(f"{name} must strictly increase; row {row} is {values[row]}{before}")
 
 
 @dataclass(frozen=True)
@@ -86,21 +164,19 @@ class Poses2D:
         return len(self.xy)
 
 
-@dataclass(frozen=True)
-class Track2D:
+@dataclass(frozen=True, eq=False, repr=False)
+class Track2D(ArrayRecord):
     """One dancer's keypoints over time.
 
-    person: number of the dancer from 1. frame: (T,) int64, strictly increasing frame indices;
-    every processed frame between the first and last sight of the dancer is a row.
-    time_s: (T,) float64. xy: (T, J, 2) px, NaN where missing. confidence: (T, J), 0 where
+    person: number of the dancer from 1. timeline: T rows, every processed frame between the first
+    and last sight of the dancer. xy: (T, J, 2) px, NaN where missing. confidence: (T, J), 0 where
     missing. interpolated: (T,) True where the pose was filled in across a short gap.
     box: (T, 4) xyxy px, NaN where not detected. shot: number of the shot the track belongs to,
-    from 0. image_size: (width, height) px of the upright, square-pixel picture.
+    from 0. image_size: (width, height) px of the upright, square-pixel picture, (0, 0) unknown.
     """
 
     person: int
-    frame: IntArray
-    time_s: npt.NDArray[np.float64]
+    timeline: Timeline
     xy: FloatArray
     confidence: FloatArray
     skeleton: str
@@ -110,34 +186,117 @@ class Track2D:
     shot: int = 0
 
     def __post_init__(self) -> None:
-        length = len(self.frame)
-        _require_shape("frame", self.frame, (None,))
-        _require_shape("time_s", self.time_s, (length,))
+        length = len(self.timeline)
         _require_shape("xy", self.xy, (length, None, 2))
         _require_shape("confidence", self.confidence, (length, self.xy.shape[1]))
         _require_shape("interpolated", self.interpolated, (length,))
         _require_shape("box", self.box, (length, 4))
 
+    @classmethod
+    def from_arrays(
+        cls,
+        xy: npt.ArrayLike,
+        *,
+        skeleton: str,
+        time_s: npt.ArrayLike,
+        confidence: npt.ArrayLike | None = None,
+        frame: npt.ArrayLike | None = None,
+        image_size: tuple[int, int] = (0, 0),
+        person: int = 1,
+        shot: int = 0,
+    ) -> Self:
+        """A track from what a person has: keypoints, and when they were seen.
+
+        Parameters
+        ----------
+        xy
+            (T, J, 2) px, x right, y down; NaN where a keypoint is missing.
+        skeleton
+            Name of the keypoints' layout, as `dance2pose.skeleton` knows it: coco17, halpe26 ...
+        time_s
+            (T,) presentation times in seconds, strictly increasing.
+        confidence
+            (T, J) of the keypoint model, 0 or more; 1 where seen if not given.
+        frame
+            (T,) frame numbers, strictly increasing; 0 to T - 1 if not given.
+        image_size
+            (width, height) px of the picture; without it no path through the room is found.
+        person, shot
+            Number of the dancer from 1, and of the shot from 0.
+
+        Raises
+        ------
+        DataError
+            Where shapes do not fit each other or times do not increase.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> xy = np.random.default_rng(0).uniform(0, 480, (7, 17, 2))
+        >>> Track2D.from_arrays(xy, time_s=np.arange(7) / 25, skeleton="coco17")
+        Track2D(dancer 1: 7 frames, 0 to 6, 0.000 to 0.240 s; 17 keypoints of coco17)
+        """
+        points = np.asarray(xy, dtype=np.float64)
+        if points.ndim != 3 or points.shape[-1] != 2:
+            raise DataError(f"xy has shape {points.shape}, expected (frames, keypoints, 2)")
+        length = len(points)
+        missing = np.asarray(~np.isfinite(points).all(axis=2))
+        sure = np.ones(missing.shape) if confidence is None else np.array(confidence, np.float64)
+        if sure.shape != missing.shape:
+            raise DataError(f"confidence has shape {sure.shape}, expected {missing.shape}")
+        times = np.asarray(time_s, np.float64)
+        numbers = np.arange(length) if frame is None else np.asarray(frame)
+        for name, values in (("time_s", times), ("frame", numbers)):
+            if values.shape != (length,):
+                raise DataError(f"{name} has shape {values.shape}, expected ({length},)")
+        return cls(
+            person=person,
+            timeline=Timeline(numbers.astype(np.int64), times),
+            xy=np.where(missing[..., None], np.nan, points),
+            confidence=np.where(missing, 0.0, sure),
+            skeleton=skeleton,
+            interpolated=np.zeros(length, np.bool_),
+            box=np.full((length, 4), np.nan),
+            image_size=image_size,
+            shot=shot,
+        )
+
+    @property
+    def frame(self) -> IntArray:
+        """(T,) frame numbers."""
+        return self.timeline.frame
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """(T,) presentation times in seconds."""
+        return self.timeline.time_s
+
     def __len__(self) -> int:
-        return len(self.frame)
+        return len(self.timeline)
+
+    def __repr__(self) -> str:
+        return (
+            f"Track2D(dancer {self.person}: {_span(self.timeline)}; "
+            f"{self.xy.shape[1]} keypoints of {self.skeleton})"
+        )
 
 
-@dataclass(frozen=True)
-class Track3D:
+@dataclass(frozen=True, eq=False, repr=False)
+class Track3D(ArrayRecord):
     """One dancer's joints over time.
 
-    frame, time_s: as in Track2D. xyz: (T, J, 3) in world axes, the first joint (pelvis) at the
+    timeline: as in Track2D. xyz: (T, J, 3) in world axes, the first joint (pelvis) at the
     origin, NaN where nothing is known. unit: of xyz. reprojection_error: (T, J) px, NaN where no
     keypoint was seen. valid: (T, J - 1) bool, one flag a bone (bone b ends at joint b + 1),
     False where the bone breaks a joint-angle limit. estimated: (T, J) True where the joint was
     not seen and comes from the body model alone. sigma: (T, J) standard deviation of the
     position in `unit`, or None where the lifter does not know. root: (T, 3) position of the
-    first joint in the world, in `unit`, or None where it is not known.
+    first joint in the world, in `unit`, or None where it is not known. shot: as in Track2D; the
+    world axes of two shots are two worlds.
     """
 
     person: int
-    frame: IntArray
-    time_s: npt.NDArray[np.float64]
+    timeline: Timeline
     xyz: FloatArray
     unit: Unit
     skeleton: str
@@ -146,11 +305,10 @@ class Track3D:
     estimated: BoolArray
     sigma: FloatArray | None = None
     root: FloatArray | None = None
+    shot: int = 0
 
     def __post_init__(self) -> None:
-        length = len(self.frame)
-        _require_shape("frame", self.frame, (None,))
-        _require_shape("time_s", self.time_s, (length,))
+        length = len(self.timeline)
         _require_shape("xyz", self.xyz, (length, None, 3))
         joints = self.xyz.shape[1]
         _require_shape("reprojection_error", self.reprojection_error, (length, joints))
@@ -161,21 +319,60 @@ class Track3D:
         if self.root is not None:
             _require_shape("root", self.root, (length, 3))
 
+    @property
+    def frame(self) -> IntArray:
+        """(T,) frame numbers."""
+        return self.timeline.frame
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """(T,) presentation times in seconds."""
+        return self.timeline.time_s
+
     def __len__(self) -> int:
-        return len(self.frame)
+        return len(self.timeline)
+
+    def __repr__(self) -> str:
+        path = "path known" if self.root is not None else "no path"
+        return (
+            f"Track3D(dancer {self.person}: {_span(self.timeline)}; "
+            f"{self.xyz.shape[1]} joints of {self.skeleton} in {self.unit}, {path})"
+        )
+
+
+def _span(timeline: Timeline) -> str:
+    return repr(timeline).removeprefix("Timeline(").removesuffix(")")
 
 
 @dataclass(frozen=True)
 class Dancer:
     """All that is known of one dancer: keypoints, the lifted poses, and the same smoothed.
 
-    The three share `person`, `frame` and `time_s`.
+    The three share `person`, `timeline` and `shot` (ValueError where they do not).
     """
 
-    track: Track2D
+    keypoints: Track2D
     raw: Track3D
     smoothed: Track3D
 
+    def __post_init__(self) -> None:
+        for track in (self.raw, self.smoothed):
+            if (track.person, track.shot) != (self.person, self.shot):
+                raise ValueError("the tracks of a dancer are of one person in one shot")
+            if track.timeline != self.keypoints.timeline:
+                raise ValueError("the tracks of a dancer have one timeline")
+
     @property
     def person(self) -> int:
-        return self.track.person
+        return self.keypoints.person
+
+    @property
+    def shot(self) -> int:
+        return self.keypoints.shot
+
+    @property
+    def timeline(self) -> Timeline:
+        return self.keypoints.timeline
+
+    def __repr__(self) -> str:
+        return f"Dancer({self.person}: {_span(self.timeline)}, shot {self.shot})"

@@ -5,7 +5,6 @@ Written into the recording as readable text and, value by value, as recording pr
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import platform
@@ -19,10 +18,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from dance2pose import __version__
 from dance2pose.errors import DataError
+from dance2pose.options import flat
 from dance2pose.poses import Dancer
 
 if TYPE_CHECKING:
-    from dance2pose.video import FrameReader, VideoInfo
+    from dance2pose.video import VideoInfo
 
 Value = str | int | float | bool
 
@@ -53,7 +53,8 @@ class Provenance:
     """Everything that is needed to say what a recording is, and to make it again.
 
     models: by role (detector, keypoints). settings: every setting by name. stages: what each
-    stage did, in order. warnings: what a reader of the result must know.
+    stage did, in order. warnings: what a reader of the result must know. identity: what the run is
+    made of, see `identity_of`.
     """
 
     source: SourceFile
@@ -63,6 +64,17 @@ class Provenance:
     versions: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     made: str = ""
+    identity: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as JSON can hold it."""
+        return {
+            "tool": "dance2pose",
+            "made": self.made,
+            "identity": self.identity,
+            **self.to_properties(),
+            "warnings": list(self.warnings),
+        }
 
     def to_markdown(self) -> str:
         """A page for a reader."""
@@ -145,25 +157,23 @@ def _sha256(path: Path, size: int, changed_ns: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def recording_id_for(video: VideoInfo, settings: object) -> str:
-    """An id for the recording of this video under these settings.
+def identity_of(video: VideoInfo, models: Sequence[Any], settings: object) -> str:
+    """A name for what a run is made of: the same wherever the same work is done.
 
-    The viewer shows only the first of two recordings with one id. Files, the video and the models
-    that `settings` (a dataclass) names, count by their content, so the id is the same wherever
-    the same work is done.
+    Files count by their content and not by their names: the video, and every model with the
+    manifest that says how it is read (`recognition.ModelDescription`).
     """
     content = {
-        name: file_sha256(value) if isinstance(value, Path) and value.is_file() else str(value)
-        for name, value in _fields(settings).items()
+        name: str(value) for name, value in flat(settings).items() if not isinstance(value, Path)
     }
-    text = json.dumps([__version__, file_sha256(video.path), content], sort_keys=True)
-    return f"dance2pose-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+    read = [(model.sha256, repr(model.manifest)) for model in models]
+    text = json.dumps([__version__, file_sha256(video.path), read, content], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def _fields(settings: object) -> dict[str, Any]:
-    if not dataclasses.is_dataclass(settings) or isinstance(settings, type):
-        raise TypeError(f"settings is a {type(settings).__name__}, expected a dataclass")
-    return {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+def recording_id(identity: str, picture: str) -> str:
+    """The id of a recording: the viewer shows only the first of two recordings with one id."""
+    return f"dance2pose-{identity}-{picture}"
 
 
 class _Loaded(Protocol):
@@ -182,29 +192,31 @@ class _Models(Protocol):
     @property
     def estimator(self) -> _Loaded: ...
 
+    @property
+    def descriptions(self) -> tuple[Any, ...]: ...
+
 
 def describe_run(
-    frames: FrameReader,
+    video: VideoInfo,
     models: _Models,
     settings: object,
     dancers: Sequence[Dancer],
     *,
+    frames_read: int,
     stages: Mapping[str, str],
+    warnings: Sequence[str] = (),
 ) -> Provenance:
     """The provenance of a finished run over a video. stages: what else it did, and how."""
     loaded = {"detector": models.detector, "keypoints": models.estimator}
     return Provenance(
-        source=describe_video(frames.info, frames_read=frames.frames_read),
+        source=describe_video(video, frames_read=frames_read),
         models={role: describe_model(m.description) for role, m in loaded.items() if m},
         settings=describe_settings(settings),
-        stages={
-            **stages,
-            "deinterlaced": "yes" if frames.deinterlaced else "no",
-            **describe_dancers(dancers),
-        },
+        stages={**stages, **describe_dancers(dancers)},
         versions=library_versions(),
-        warnings=tuple(frames.warnings),
+        warnings=tuple(warnings),
         made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        identity=identity_of(video, models.descriptions, settings),
     )
 
 
@@ -253,14 +265,14 @@ def describe_settings(settings: object) -> dict[str, Value]:
             return "not given"
         return value if isinstance(value, bool | int | float | str) else str(value)
 
-    return {name: plain(value) for name, value in _fields(settings).items()}
+    return {name: plain(value) for name, value in flat(settings).items()}
 
 
 def describe_dancers(dancers: Sequence[Dancer]) -> dict[str, str]:
     """What was found of each dancer, in a sentence each."""
     rows = {"dancers": str(len(dancers)) if dancers else "0: no person was found"}
     for dancer in dancers:
-        track, joints = dancer.track, dancer.smoothed
+        track, joints = dancer.keypoints, dancer.smoothed
         text = f"frames {track.frame[0]} to {track.frame[-1]}" if len(track) else "no frames"
         rows[f"dancer {dancer.person}"] = (
             f"{text} ({len(track)}), shot {track.shot}, {int(track.interpolated.sum())} frames "

@@ -18,13 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.errors import UsageError
+from dance2pose.options import SmoothOptions, nearest
 from dance2pose.poses import FloatArray, Track3D
 from dance2pose.temporal_models import MODELS as MODELS
 from dance2pose.temporal_models import Float64Array, Sampling
 from dance2pose.temporal_models import TemporalModel as TemporalModel
 
 DEFAULT_MODEL = "mma"
-DEFAULT_WINDOW = 5
+DEFAULT_WINDOW = SmoothOptions.window
 DEFAULT_BETA = 5.0
 
 
@@ -93,7 +94,9 @@ def find_model(name: str) -> TemporalModel:
         return MODELS[name]
     except KeyError:
         known = ", ".join(MODELS)
-        raise UsageError(f"unknown temporal model {name!r}; known: {known}") from None
+        raise UsageError(
+            f"unknown temporal model {name!r}; known: {known}{nearest(name, MODELS)}"
+        ) from None
 
 
 def check_window(model: str, window: int) -> None:

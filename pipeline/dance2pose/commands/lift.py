@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
 
-from dance2pose.errors import DataError, UsageError
+from dance2pose.command_line import FLAT
+from dance2pose.errors import DataError
 from dance2pose.exchange import write_poses
 from dance2pose.lifting import lift_all
-from dance2pose.output_files import check_output
+from dance2pose.options import LiftOptions, Settings, parse_person
+from dance2pose.outputs import plan_outputs
 from dance2pose.pose_files import read_tracks
-from dance2pose.poses import Track3D
+from dance2pose.poses import Track2D, Track3D
 
 
 def lift(
     track: Path,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
-    lifter: Literal["default", "paper"] = "default",
-    camera: Literal["auto", "weak-perspective", "perspective"] = "auto",
-    fov: float | None = None,
-    height: float | None = None,
+    options: Annotated[LiftOptions | None, FLAT] = None,
     independent: bool = False,
     frame_rate: float | None = None,
     skeleton: str | None = None,
     image_size: tuple[int, int] | None = None,
-    person: str = "auto",
+    person: str = Settings.person,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> None:
@@ -41,15 +41,6 @@ def lift(
         A track .npz, a folder of OpenPose JSON files, or a COCO keypoint .json.
     output
         The .npz to write; further dancers go beside it as OUT.dancer_N.npz.
-    lifter
-        default looks at the whole track; paper lifts every frame alone.
-    camera
-        Camera model; perspective, which auto is but for the paper's lifter, also solves the path
-        of the dancer through the room.
-    fov
-        Horizontal field of view in degrees, for the perspective camera; assumed if not given.
-    height
-        Body height of the dancer in metres; without it, lengths are in body heights.
     independent
         The frames are unrelated pictures; nothing flows between them.
     frame_rate
@@ -61,15 +52,13 @@ def lift(
     person
         Whose poses: auto, all, largest, central or a number; a track .npz holds one dancer.
     overwrite
-        Replace files that exist.
+        Replace files that dance2pose wrote.
     quiet
         Say nothing.
     """
-    if output.suffix.lower() != ".npz":
-        raise UsageError(f"{output}: poses are written as .npz; give a name that ends so")
-    if fov is not None and not 5 <= fov <= 170:
-        raise UsageError(f"--fov {fov}: expected degrees, 5 to 170")
-    check_output(output, overwrite=overwrite)
+    parse_person(person)
+    inputs = [*track.iterdir()] if track.is_dir() else [track]
+    plan = plan_outputs(output, kinds=(".npz",), inputs=inputs, overwrite=overwrite)
     tracks = read_tracks(
         track,
         frame_rate=frame_rate,
@@ -80,31 +69,33 @@ def lift(
     )
     if not tracks:
         raise DataError(f"{track}: no person is in it long enough to be followed")
-    found = lift_all(
-        tracks,
-        lifter=lifter,
-        height_m=height,
-        independent=independent,
-        camera=camera,
-        fov_deg=fov,
-    )
+    found = lift_all(tracks, options, independent=independent)
     for poses in found:
         if np.isnan(poses.xyz).all():
             raise DataError(
                 f"{track}: person {poses.person}: no frame has enough keypoints to be lifted"
             )
-    names = [_name(output, poses, first=poses is found[0]) for poses in found]
-    for name in names[1:]:
-        check_output(name, overwrite=overwrite)
-    for name, poses in zip(names, found, strict=True):
-        write_poses(name, poses, overwrite=overwrite)
-        if not quiet:
-            print(_summary(poses), file=sys.stderr)
-            print(f"wrote {name}")
+    about = {"tool": "dance2pose", "made from": track.name}
+    with plan.writing() as staged:
+        for poses in found:
+            name = plan.name(".npz", None if poses is found[0] else poses.person)
+            write_poses(staged.path(name), poses, provenance=about, overwrite=True)
+    if quiet:
+        return
+    for note in _notes(tracks, options or LiftOptions()):
+        print(f"note: {note}", file=sys.stderr)
+    for poses, name in zip(found, staged.files, strict=True):
+        print(_summary(poses), file=sys.stderr)
+        print(f"wrote {name}")
 
 
-def _name(output: Path, poses: Track3D, *, first: bool) -> Path:
-    return output if first else output.with_name(f"{output.stem}.dancer_{poses.person}.npz")
+def _notes(tracks: Sequence[Track2D], options: LiftOptions) -> list[str]:
+    if options.camera_model == "perspective" and not all(min(t.image_size) > 0 for t in tracks):
+        return [
+            "the size of the picture is not known, so that the weak-perspective camera is taken "
+            "and the path through the room is not found; --image-size WIDTH HEIGHT finds it"
+        ]
+    return []
 
 
 def _summary(poses: Track3D) -> str:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from dance2pose.command_line import PARAMETERS, HelpFormatter
+
 if TYPE_CHECKING:
     from dance2pose.onnx_models.recognition import ModelDescription
 
@@ -14,8 +16,8 @@ models = App(
     name="models",
     help="List, inspect and download ONNX models.",
     help_format="plaintext",
-    help_formatter="plain",
-    default_parameter=Parameter(negative=()),
+    help_formatter=HelpFormatter(),
+    default_parameter=PARAMETERS,
 )
 
 
@@ -28,8 +30,8 @@ def list_models(*, config: Path | None = None) -> None:
     config
         The settings file to look into; your own standing one if not given.
     """
-    from dance2pose.config import read_settings_file, user_config_path
     from dance2pose.onnx_models.registry import cache_folder, cached_path, registry
+    from dance2pose.settings_file import read_settings_file, user_config_path
 
     source = config or user_config_path()
     settings = read_settings_file(source) if config or source.is_file() else {}

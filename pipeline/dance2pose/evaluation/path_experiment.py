@@ -16,7 +16,7 @@ from dance2pose.evaluation.tables import Cell, Table
 from dance2pose.lifting.lift import lift_in_camera
 from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
 from dance2pose.mocap.corpus import Take, resample
-from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D
+from dance2pose.poses import BoolArray, FloatArray, Timeline, Track2D, Track3D
 from dance2pose.progress import Progress
 
 FOV_DEG = 50.0
@@ -51,8 +51,7 @@ def _room(take: Take, azimuth_deg: float, height_mm: float) -> _Room:
     frames = len(xy)
     track = Track2D(
         person=1,
-        frame=np.arange(frames),
-        time_s=np.arange(frames) / take.rate_hz,
+        timeline=Timeline(np.arange(frames), np.arange(frames) / take.rate_hz),
         xy=xy,
         confidence=np.ones(xy.shape[:2]),
         skeleton=take.skeleton,

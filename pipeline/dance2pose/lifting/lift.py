@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,102 +14,113 @@ from dance2pose.lifting.lifted import Lifted, Lifter, Observed
 from dance2pose.lifting.world.ground_plane import levelled
 from dance2pose.lifting.world.perspective import ASSUMED_FOV
 from dance2pose.limits import model as limits
+from dance2pose.options import Lifter as LifterName
+from dance2pose.options import LiftOptions, combined
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
-
-# Each is imported when it is asked for: the default one brings its network with it.
-LIFTERS = ("default", "paper")
-CAMERAS = ("auto", "weak-perspective", "perspective")
 
 
 def lift(
     track: Track2D,
+    options: LiftOptions | None = None,
     *,
-    lifter: str = "default",
-    height_m: float | None = None,
     independent: bool = False,
-    camera: str = "auto",
-    fov_deg: float | None = None,
+    **named: Any,
 ) -> Track3D:
-    """The 3D poses of one dancer; see `lift_all`."""
-    return lift_all(
-        [track],
-        lifter=lifter,
-        height_m=height_m,
-        independent=independent,
-        camera=camera,
-        fov_deg=fov_deg,
-    )[0]
+    """The 3D poses of one dancer.
+
+    Parameters
+    ----------
+    track
+        2D keypoints of one dancer; `Track2D.from_arrays` makes one from plain arrays.
+    options
+        How to lift; its fields can also be given by name (`height_m=1.62`).
+    independent
+        The frames are unrelated pictures, so that nothing flows between them.
+    **named
+        Fields of `LiftOptions`.
+
+    Returns
+    -------
+    Track3D
+        Joints of the track's lifting skeleton, (T, 17, 3) in body heights, or in metres where a
+        height was given; see `lift_all`.
+
+    Raises
+    ------
+    UsageError
+        For an unknown skeleton or option.
+    DataError
+        For a track whose arrays do not fit its skeleton.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> xy = np.random.default_rng(0).uniform(0, 480, (7, 17, 2))
+    >>> track = Track2D.from_arrays(
+    ...     xy, time_s=np.arange(7) / 25, skeleton="coco17", image_size=(640, 480)
+    ... )
+    >>> lift(track, height_m=1.7).xyz.shape
+    (7, 17, 3)
+    """
+    return lift_all([track], options, independent=independent, **named)[0]
 
 
 def lift_all(
     tracks: Sequence[Track2D],
+    options: LiftOptions | None = None,
     *,
-    lifter: str = "default",
-    height_m: float | None = None,
     independent: bool = False,
-    camera: str = "auto",
-    fov_deg: float | None = None,
+    **named: Any,
 ) -> list[Track3D]:
     """The 3D poses of the dancers in one video, one for every frame of each track.
-
-    lifter: "paper" lifts every frame alone by pursuit over a pose dictionary; "default" looks at
-    the whole track. height_m: the dancers' body height, for a result in metres; without it the
-    unit is the body height. independent: the frames are unrelated pictures, so that nothing flows
-    between them. camera, fov_deg: the camera model, and its horizontal field of view in degrees
-    where that is known; see `camera_model`.
 
     The result is in the tracks' lifting skeleton (body17 for keypoint skeletons), first joint at
     the origin; frames of which nothing is known are NaN. World axes are as the camera sees them,
     and where the path through the room is found, with the floor level at y = 0 for all dancers of
-    a shot (`levelling`). Raises UsageError for an unknown skeleton, lifter, camera or a height that
-    is no body height, DataError for a track whose arrays do not fit its skeleton.
+    a shot (`world.ground_plane`). Parameters and errors as in `lift`.
     """
-    found = lift_in_camera(
-        tracks,
-        lifter=lifter,
-        height_m=height_m,
-        independent=independent,
-        camera=camera,
-        fov_deg=fov_deg,
-    )
+    options = combined(LiftOptions, options, named)
+    found = lift_in_camera(tracks, options, independent=independent)
     if independent:  # every picture has a camera of its own
         return found
     out: dict[int, Track3D] = {}
     for shot in sorted({track.shot for track in tracks}):
         rows = [n for n, track in enumerate(tracks) if track.shot == shot]
-        level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (height_m or 1.0))
+        level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (options.height_m or 1.0))
         out.update(zip(rows, level, strict=True))
     return [out[n] for n in range(len(found))]
 
 
 def lift_in_camera(
     tracks: Sequence[Track2D],
+    options: LiftOptions | None = None,
     *,
-    lifter: str = "default",
-    height_m: float | None = None,
     independent: bool = False,
-    camera: str = "auto",
-    fov_deg: float | None = None,
+    **named: Any,
 ) -> list[Track3D]:
     """As `lift_all`, but poses and paths stay in the camera's axes: x right, y up, z towards the
     viewer, the camera at the origin of the paths."""
-    if height_m is not None and not 0.3 <= height_m <= 3:
-        raise UsageError(f"body height of {height_m} m; expected metres, 0.3 to 3")
-    model = camera_model(camera, lifter)
-    per_mm = (height_m or 1.0) / BODY_HEIGHT_MM
-    unit: Unit = "body heights" if height_m is None else "metres"
+    options = combined(LiftOptions, options, named)
+    per_mm = (options.height_m or 1.0) / BODY_HEIGHT_MM
+    unit: Unit = "body heights" if options.height_m is None else "metres"
     found = []
     for track in tracks:
-        usable = _usable_model(model, track, asked=camera)
-        observed = observe(track, independent=independent, camera=usable, fov_deg=fov_deg)
-        found.append(_lift_one(track, observed, _lifter(lifter), per_mm, unit))
+        observed = observe(
+            track,
+            independent=independent,
+            camera=_usable_model(track, options),
+            fov_deg=options.fov_deg,
+        )
+        found.append(_lift_one(track, observed, _lifter(options.lifter), per_mm, unit))
     return found
 
 
-def _usable_model(model: str, track: Track2D, *, asked: str) -> str:
+def _usable_model(track: Track2D, options: LiftOptions) -> str:
+    """The camera model for a track: a perspective camera needs the size of its picture."""
+    model = options.camera_model
     if model != "perspective" or min(track.image_size) > 0:
         return model
-    if asked == "auto":
+    if options.camera == "auto":
         return "weak-perspective"
     raise UsageError(
         f"track of person {track.person}: the size of its picture is not known, which a "
@@ -125,8 +137,7 @@ def _lift_one(
     error = np.linalg.norm(lifted.projected - observed.xy, axis=2)
     return Track3D(
         person=track.person,
-        frame=track.frame,
-        time_s=track.time_s,
+        timeline=track.timeline,
         xyz=lifted.xyz * per_mm,
         unit=unit,
         skeleton=observed.skeleton,
@@ -135,28 +146,15 @@ def _lift_one(
         estimated=known & ~(seen & (observed.confidence > 0)),
         sigma=None if lifted.sigma is None else lifted.sigma * per_mm,
         root=None if lifted.root is None else lifted.root * per_mm,
+        shot=track.shot,
     )
 
 
-def camera_model(camera: str, lifter: str) -> str:
-    """What "auto" stands for: perspective, as real cameras are, where the lifter can (and, in
-    `lift`, where the size of the picture is known).
-
-    Video lifted as if it were orthographic has half as large an error again, and a field of view
-    that is assumed wrongly by a third costs far less than none (models/README.md).
-    """
-    if camera not in CAMERAS:
-        raise UsageError(f"unknown camera {camera!r}; known: {', '.join(CAMERAS)}")
-    if camera != "auto":
-        return camera
-    return "weak-perspective" if lifter == "paper" else "perspective"
-
-
-def describe_camera(camera: str, lifter: str, fov_deg: float | None) -> str:
+def describe_camera(options: LiftOptions) -> str:
     """The camera model of a run, and what it assumes, as a phrase for its provenance."""
-    if camera_model(camera, lifter) == "weak-perspective":
+    if options.camera_model == "weak-perspective":
         return "weak-perspective: poses without a path through the room"
-    known = "as given" if fov_deg is not None else ASSUMED_FOV
+    known = "as given" if options.fov_deg is not None else ASSUMED_FOV
     return f"perspective and standing still, field of view {known}"
 
 
@@ -200,16 +198,15 @@ def observe(
     )
 
 
-def _lifter(name: str) -> Lifter:
+def _lifter(name: LifterName) -> Lifter:
+    """Imported when it is asked for: the default one brings its network with it."""
     if name == "paper":
         from dance2pose.lifting.pursuit.paper import lift_frames
 
         return lift_frames
-    if name == "default":
-        from dance2pose.lifting.temporal import sequence
+    from dance2pose.lifting.temporal import sequence
 
-        return sequence.lift_frames
-    raise UsageError(f"unknown lifter {name!r}; known: {', '.join(LIFTERS)}")
+    return sequence.lift_frames
 
 
 def _nothing(observed: Observed) -> Lifted:

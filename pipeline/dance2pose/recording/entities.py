@@ -87,7 +87,7 @@ class _Rows:
 
 def send_dancer(stream: rr.RecordingStream, dancer: Dancer, clock: Clock) -> None:
     """Everything of one dancer that changes over time. clock: all processed frames."""
-    track, person = dancer.track, dancer.person
+    track, person = dancer.keypoints, dancer.person
     if not len(track):
         return
     rows = _Rows(stream, Clock(track.frame, track.time_s), clock.after(int(track.frame[-1])))

@@ -92,11 +92,11 @@ def _side_by_side(dancers: Sequence[Dancer]) -> FloatArray:
 
 
 def _span(dancer: Dancer) -> tuple[int, int]:
-    frames = dancer.track.frame
+    frames = dancer.keypoints.frame
     return (int(frames[0]), int(frames[-1])) if len(frames) else (0, -1)
 
 
 def _image_x(dancer: Dancer) -> float:
-    seen = dancer.track.xy[..., 0]
+    seen = dancer.keypoints.xy[..., 0]
     seen = seen[~np.isnan(seen)]
     return float(seen.mean()) if seen.size else 0.0

@@ -29,7 +29,7 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     By entity name: confidence, reprojection_error (px), invalid_bones, and sigma where the lifter
     knows its uncertainty (in the unit of the poses).
     """
-    track, joints = dancer.track, dancer.smoothed
+    track, joints = dancer.keypoints, dancer.smoothed
     seen = np.asarray(~np.isnan(track.xy).any(axis=2))
     lifted = ~np.isnan(joints.xyz).all(axis=(1, 2))
     invalid = np.where(lifted, (~joints.valid).sum(axis=1), np.nan)

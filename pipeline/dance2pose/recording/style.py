@@ -40,7 +40,7 @@ def send_style(stream: rr.RecordingStream, dancers: Sequence[Dancer], placement:
     """Axes, skeletons, and the styles of every entity of the dancers."""
     stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
     for path, skeletons in (
-        (PICTURE, {d.person: d.track.skeleton for d in dancers}),
+        (PICTURE, {d.person: d.keypoints.skeleton for d in dancers}),
         (WORLD, {d.person: d.smoothed.skeleton for d in dancers}),
     ):
         if skeletons:
@@ -79,7 +79,7 @@ def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -
         show_labels=False,
         draw_order=20.0,
         class_ids=person,
-        keypoint_ids=range(len(get(dancer.track.skeleton))),
+        keypoint_ids=range(len(get(dancer.keypoints.skeleton))),
     )
     box = rr.Boxes2D.from_fields(
         labels=f"dancer {person}",

@@ -18,8 +18,8 @@ import pyarrow as pa
 
 from dance2pose.errors import OutputError
 from dance2pose.output_files import written_whole
-from dance2pose.poses import Dancer, Frame
-from dance2pose.provenance import Provenance, recording_id_for
+from dance2pose.poses import Dancer, Frame, Timeline
+from dance2pose.provenance import Provenance
 from dance2pose.recording.entities import PICTURE, PROVENANCE, Clock, send_dancer
 from dance2pose.recording.file import is_whole
 from dance2pose.recording.layout import blueprint
@@ -44,7 +44,6 @@ __all__ = [
     "PictureChoice",
     "RecordingWriter",
     "choose_picture",
-    "recording_id_for",
 ]
 
 APPLICATION_ID = "dance2pose"
@@ -56,8 +55,9 @@ class RecordingWriter:
     """Writes one recording; use it as a context manager.
 
     Within it, call `picture_frame` with every processed frame in order, then `write` once. The
-    file appears when the block ends well; after any error there is none. Raises OutputError for
-    what the file system refuses, VideoError where `picture` is video and it cannot be opened.
+    file appears when the block ends well; after any error there is none. reason: why the picture
+    is recorded as it is, for the provenance. Raises OutputError for what the file system refuses,
+    VideoError where `picture` is video and it cannot be opened.
     """
 
     def __init__(
@@ -67,11 +67,13 @@ class RecordingWriter:
         recording_id: str,
         picture: PictureMode,
         video: VideoInfo,
+        reason: str = "",
         overwrite: bool = False,
     ) -> None:
         self._path = path
         self._recording_id = recording_id
         self._picture = picture
+        self._reason = reason
         self._video = video
         self._overwrite = overwrite
         self._frames: list[int] = []
@@ -119,18 +121,32 @@ class RecordingWriter:
                 raise OutputError(f"{self._path}: could not be written whole; nothing was left")
 
     def picture_frame(self, frame: Frame) -> None:
-        """Take the next processed frame: its time, and its picture where frames are recorded."""
-        if self._picture == "frames":
-            self._pictures.append(encode_jpeg(frame.image))
+        """Take the next processed frame, whose picture is kept where frames are recorded."""
+        if not self.records_frames:
+            return
+        self._pictures.append(encode_jpeg(frame.image))
         self._frames.append(frame.index)
         self._times.append(frame.time_s)
         if sum(map(len, self._pictures)) >= _BATCH_BYTES:
             self._send_pictures()
 
-    def write(self, dancers: Sequence[Dancer], provenance: Provenance) -> None:
-        """Write the dancers (none is allowed), the provenance and the layout."""
+    @property
+    def picture(self) -> str:
+        """How the picture is recorded, and why."""
+        return f"{self._picture} ({self._reason})" if self._reason else self._picture
+
+    @property
+    def records_frames(self) -> bool:
+        """Whether the pictures of frames are recorded, so that `picture_frame` wants them."""
+        return self._picture == "frames"
+
+    def write(self, dancers: Sequence[Dancer], provenance: Provenance, timeline: Timeline) -> None:
+        """Write the dancers (none is allowed), the provenance and the layout.
+
+        timeline: every processed frame.
+        """
         self._send_pictures()
-        clock = self._clock()
+        clock = Clock(timeline.frame, timeline.time_s)
         placement = place(dancers)
         if self._timestamps_ns is not None and len(clock.frame):
             references = viewer_timestamps_ns(self._timestamps_ns, clock.time_s)
@@ -138,16 +154,16 @@ class RecordingWriter:
         send_style(self._stream, dancers, placement)
         for dancer in dancers:
             send_dancer(self._stream, dancer, clock)
+        stages = dict(provenance.stages)
+        if self._reason:
+            stages["picture"] = f"{self._picture}: {self._reason}"
         if placement.notes:
-            stages = {**provenance.stages, "placement": " ".join(placement.notes)}
-            provenance = replace(provenance, stages=stages)
+            stages["placement"] = " ".join(placement.notes)
+        provenance = replace(provenance, stages=stages)
         self._write_provenance(provenance)
         size = (self._video.width, self._video.height)
         self._stream.send_blueprint(blueprint(dancers, placement, size))
         self._written = True
-
-    def _clock(self, start: int = 0) -> Clock:
-        return Clock(np.array(self._frames[start:], np.int64), np.array(self._times[start:]))
 
     def _send_pictures(self) -> None:
         if not self._pictures:
@@ -155,8 +171,8 @@ class RecordingWriter:
         columns = rr.EncodedImage.columns(
             blob=self._pictures, media_type=["image/jpeg"] * len(self._pictures)
         )
-        self._send(self._clock(start=len(self._frames) - len(self._pictures)), columns)
-        self._pictures = []
+        self._send(Clock(np.array(self._frames, np.int64), np.array(self._times)), columns)
+        self._pictures, self._frames, self._times = [], [], []
         self._file.flush()
 
     def _write_provenance(self, provenance: Provenance) -> None:

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from dance2pose.errors import UsageError
+from dance2pose.options import parse_person
 from dance2pose.poses import BoolArray, Track2D
 from dance2pose.tracking.matching import box_sizes
-
-CHOICES = ("auto", "all", "largest", "central")
 
 # By default everyone at least this prominent, measured by the most prominent of the shot, is a
 # dancer; the others are passers-by, spectators or spurious detections.
@@ -29,7 +28,7 @@ def choose(
     "largest" and "central" keep one person a shot; a number keeps that one. Returns the tracks
     by number; none where there are none.
 
-    Raises UsageError for a number that nobody has, or a word that is not one of `CHOICES`.
+    Raises UsageError for a number that nobody has, or a word that is not one of `options.PERSONS`.
     """
     wanted = parse_person(person)
     weighed = [(prominence(t, frames_of_shot[t.shot]), t) for t in tracks]
@@ -56,18 +55,6 @@ def choose(
         else:
             chosen.append(max((track for _, track in of_shot), key=centrality))
     return sorted(chosen, key=lambda track: track.person)
-
-
-def parse_person(person: str | int) -> str | int:
-    """A choice as a word of `CHOICES` or a number from 1; UsageError for anything else."""
-    number = int(person) if isinstance(person, int) or person.isdecimal() else None
-    if number is None and person in CHOICES:
-        return person
-    if number is None or number < 1:
-        raise UsageError(
-            f"person {person!r} is not possible; give {', '.join(CHOICES)}, or a number from 1"
-        )
-    return number
 
 
 def prominence(track: Track2D, frames_of_shot: int) -> float:

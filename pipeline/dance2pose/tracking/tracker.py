@@ -13,9 +13,10 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from dance2pose import skeleton as skeletons
-from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Track2D
+from dance2pose.options import parse_person
+from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Timeline, Track2D
 from dance2pose.tracking.appearance import Histogram, likeness, torso_histogram, torso_joints
-from dance2pose.tracking.choosing import choose, parse_person
+from dance2pose.tracking.choosing import choose
 from dance2pose.tracking.gaps import fill_gaps
 from dance2pose.tracking.matching import (
     NEXT_PICTURE_SIGMA,
@@ -369,8 +370,7 @@ class Tracker:
         unseen[rows] = False
         return Track2D(
             person=1,  # numbered by `choose`
-            frame=np.array(self._frame[first : last + 1], np.int64),
-            time_s=time_s,
+            timeline=Timeline(np.array(self._frame[first : last + 1], np.int64), time_s),
             xy=xy,
             confidence=confidence,
             skeleton=self.skeleton,

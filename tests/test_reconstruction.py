@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dance2pose.config import Settings
 from dance2pose.errors import Dance2PoseError, ModelError, OutputError, UsageError, VideoError
 from dance2pose.exchange import read_poses, read_track
-from dance2pose.reconstruct import Summary, reconstruct
+from dance2pose.options import OutputOptions, Settings
+from dance2pose.reconstruction import Summary, reconstruct
 from video_making import numbered_video
 
 pytestmark = pytest.mark.shared
@@ -34,15 +34,23 @@ def settings(shared: Path, **changes: object) -> Settings:
     named = {
         "detector": models / f"{DETECTORS[0]}.onnx",
         "pose": models / f"{POSE_MODELS[0]}.onnx",
-        "end": 1.0,
-        "picture": "none",
+        "end_s": 1.0,
     }
-    return Settings(**(named | changes))  # type: ignore[arg-type]
+    return Settings.of(**(named | changes))
 
 
-def run(shared: Path, out: Path, video: str = "contemporary_dance", **changes: object) -> Summary:
+NO_PICTURE = OutputOptions(picture="none")
+
+
+def run(
+    shared: Path,
+    out: Path,
+    video: str = "contemporary_dance",
+    outputs: OutputOptions = NO_PICTURE,
+    **changes: object,
+) -> Summary:
     return reconstruct(
-        shared / "videos" / f"{video}.mp4", out, settings=settings(shared, **changes)
+        shared / "videos" / f"{video}.mp4", out, settings(shared, **changes), outputs=outputs
     )
 
 
@@ -64,7 +72,7 @@ def test_every_pair_of_models_finds_the_dancer_in_every_frame(
 
 
 def test_the_files_hold_what_was_seen_with_its_own_times(shared: Path, tmp_path: Path) -> None:
-    summary = run(shared, tmp_path / "out.rrd", start=1.0, end=3.0, every=2, height=1.7)
+    summary = run(shared, tmp_path / "out.rrd", start_s=1.0, end_s=3.0, every=2, height_m=1.7)
     assert {path.name for path in summary.files} == {"out.rrd", "out.npz", "out.track.npz"}
     track, poses = read_track(tmp_path / "out.track.npz"), read_poses(tmp_path / "out.npz")
     assert len(track) == len(poses) == summary.frames
@@ -84,7 +92,7 @@ def test_the_files_hold_what_was_seen_with_its_own_times(shared: Path, tmp_path:
 
 
 def test_two_people_are_two_tracks(shared: Path, tmp_path: Path) -> None:
-    summary = run(shared, tmp_path / "out.rrd", video="two_people_cam03", end=2.0)
+    summary = run(shared, tmp_path / "out.rrd", video="two_people_cam03", end_s=2.0)
     assert summary.dancers == 2
     assert (tmp_path / "out.dancer_2.npz").is_file()
 
@@ -103,7 +111,7 @@ def test_a_truncated_video_is_used_as_far_as_it_goes(shared: Path, tmp_path: Pat
     video = tmp_path / "cut.mp4"
     video.write_bytes(whole[: len(whole) // 2])
     try:
-        summary = reconstruct(video, tmp_path / "out.rrd", settings=settings(shared, end=None))
+        summary = reconstruct(video, tmp_path / "out.rrd", settings=settings(shared, end_s=None))
     except VideoError as error:  # an MP4 with its index at the end cannot be read at all
         assert str(video) in str(error)
         assert not (tmp_path / "out.rrd").exists()
@@ -139,7 +147,7 @@ def test_a_video_without_people_writes_nothing(shared: Path, tmp_path: Path) -> 
     video = tmp_path / "empty_stage.mp4"
     numbered_video(video)
     with pytest.raises(VideoError, match="no person"):
-        reconstruct(video, tmp_path / "out.rrd", settings=settings(shared, end=None))
+        reconstruct(video, tmp_path / "out.rrd", settings=settings(shared, end_s=None))
     assert list(tmp_path.iterdir()) == [video]
 
 
@@ -193,7 +201,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(shared: Path, tmp_path: Path) ->
         pytest.skip("needs the right to mount a small file system")
     try:
         with pytest.raises(OutputError, match="disk is full"):
-            run(shared, disk / "out.rrd", picture="frames", end=3.0)
+            run(shared, disk / "out.rrd", outputs=OutputOptions(picture="frames"), end_s=3.0)
         assert list(disk.iterdir()) == []
     finally:
         subprocess.run(["umount", str(disk)], check=True)

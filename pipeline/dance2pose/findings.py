@@ -1,0 +1,139 @@
+"""What a reader must know before a result is used: what was seen in it, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D, Unit
+from dance2pose.skeleton import get
+
+# A bone that turns further from one frame to the next turned in the data, not on the stage: at 25
+# frames a second this is 1,000 degrees a second, which wrists reach and knees do not.
+SUDDEN_TURN_DEG = 40.0
+# Frames further apart than this are no neighbours.
+_NEIGHBOURS_S = 0.1
+# A joint drawn further from its keypoint than this part of the dancer's height in the picture.
+FAR_OFF = 0.1
+_FAR_OFF_SHARE = 0.01
+# Below the floor by more than this.
+SUNK: dict[Unit, float] = {"metres": 0.03, "body heights": 0.018}
+# Seen in fewer of the frames of the shot than this share.
+SHARE_OF_SHOT = 0.9
+# A camera nearer to the pelvis than this sees no whole body.
+NEAREST: dict[Unit, float] = {"metres": 1.0, "body heights": 0.6}
+# Left out, but seen for at least this long.
+LEFT_OUT_S = 1.0
+
+
+def find(
+    dancers: Sequence[Dancer], everyone: Sequence[Track2D], timeline: Timeline
+) -> tuple[str, ...]:
+    """Sentences on the dancers of a video; none where there is nothing to report.
+
+    Parameters
+    ----------
+    dancers
+        Those who were lifted.
+    everyone
+        The tracks of all people who were followed, numbered as the dancers are.
+    timeline
+        Every frame that was processed.
+    """
+    sentences = list(_left_out(dancers, everyone))
+    for dancer in dancers:
+        found = [
+            *_seen_seldom(dancer, timeline, alone=len(dancers) == 1),
+            *_sudden_turns(dancer.smoothed),
+            *_far_off(dancer),
+            *_sunk(dancer.smoothed),
+        ]
+        sentences += [f"dancer {dancer.person}: {sentence}" for sentence in found]
+    return tuple(sentences)
+
+
+def _left_out(dancers: Sequence[Dancer], everyone: Sequence[Track2D]) -> Iterator[str]:
+    kept = {dancer.person for dancer in dancers}
+    for track in everyone:
+        seconds = float(track.time_s[-1] - track.time_s[0])
+        if track.person not in kept and seconds >= LEFT_OUT_S:
+            yield (
+                f"person {track.person}, seen from {track.time_s[0]:.1f} to "
+                f"{track.time_s[-1]:.1f} s, was left out as less prominent (--person all takes "
+                f"everyone, --person {track.person} this one)"
+            )
+
+
+def _seen_seldom(dancer: Dancer, timeline: Timeline, *, alone: bool) -> Iterator[str]:
+    seen = int((~np.isnan(dancer.keypoints.xy).all(axis=(1, 2))).sum())
+    if seen < SHARE_OF_SHOT * len(timeline) and (alone or len(timeline) - seen > 1):
+        yield f"seen in {seen} of {len(timeline)} frames"
+
+
+def turns_deg(xyz: FloatArray, timeline: Timeline, skeleton: str) -> FloatArray:
+    """How far each bone turns from each frame to the next, (T - 1, J - 1) degrees.
+
+    NaN where a joint is missing or the frames are no neighbours in time.
+    """
+    parents, children = np.array(get(skeleton).bones).T
+    bone = (xyz[:, children] - xyz[:, parents]).astype(np.float64)
+    length = np.linalg.norm(bone, axis=-1, keepdims=True)
+    direction = np.divide(bone, length, out=np.full_like(bone, np.nan), where=length > 0)
+    cosine = (direction[1:] * direction[:-1]).sum(axis=-1)
+    turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    turned[np.diff(timeline.time_s) > _NEIGHBOURS_S] = np.nan
+    return np.asarray(turned)
+
+
+def _sudden_turns(track: Track3D) -> Iterator[str]:
+    if len(track) < 2:
+        return
+    turned = turns_deg(track.xyz, track.timeline, track.skeleton)
+    sudden = np.nan_to_num(turned) > SUDDEN_TURN_DEG
+    if sudden.any():
+        row, bone = np.unravel_index(int(np.nanargmax(turned)), turned.shape)
+        joint = get(track.skeleton).joints[int(bone) + 1]
+        yield (
+            f"{int(sudden.any(axis=1).sum())} sudden turns of more than {SUDDEN_TURN_DEG:g} "
+            f"degrees between two frames, the largest at {track.time_s[row + 1]:.2f} s "
+            f"({_plain(joint)}, {turned[row, bone]:.0f} degrees)"
+        )
+
+
+def _far_off(dancer: Dancer) -> Iterator[str]:
+    """Joints that are drawn far from where their keypoints were seen."""
+    error, xy = dancer.smoothed.reprojection_error, dancer.keypoints.xy
+    seen = np.isfinite(error)
+    extents = [np.ptp(row[np.isfinite(row)]) for row in xy[..., 1] if np.isfinite(row).any()]
+    if not seen.any() or not extents:
+        return
+    height_px = float(np.percentile(extents, 75))
+    far = seen & (error > FAR_OFF * height_px)
+    if far.sum() > _FAR_OFF_SHARE * seen.sum():
+        worst = np.where(far, error, 0.0)
+        row, joint = np.unravel_index(int(worst.argmax()), worst.shape)
+        name = _plain(get(dancer.smoothed.skeleton).joints[int(joint)])
+        yield (
+            f"{far.sum() / seen.sum():.1%} of joints lie further from their keypoints than "
+            f"{FAR_OFF:.0%} of the dancer's height in the picture, the worst at "
+            f"{dancer.timeline.time_s[row]:.2f} s ({name}, {worst[row, joint]:.0f} px)"
+        )
+
+
+def _sunk(track: Track3D) -> Iterator[str]:
+    if track.root is None:
+        return
+    height = (track.xyz + track.root[:, None])[..., 1]
+    known = np.isfinite(height).any(axis=1)
+    lowest = np.where(np.isfinite(height), height, np.inf).min(axis=1)
+    sunk = known & (lowest < -SUNK[track.unit])
+    if sunk.any():
+        yield (
+            f"a foot lies under the floor in {int(sunk.sum())} of {int(known.sum())} frames, by "
+            f"up to {-lowest[sunk].min():.2f} {track.unit}"
+        )
+
+
+def _plain(joint: str) -> str:
+    return joint.replace("_", " ")

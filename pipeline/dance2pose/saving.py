@@ -1,0 +1,148 @@
+"""A result into files: which form a name asks for, and who writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from dance2pose import exchange
+from dance2pose.errors import UsageError
+from dance2pose.options import OutputOptions, nearest
+from dance2pose.outputs import OutputPlan, Staged, plan_outputs
+from dance2pose.poses import Dancer, Frame
+from dance2pose.provenance import recording_id
+from dance2pose.recording.picture import choose_picture
+from dance2pose.recording.writer import RecordingWriter
+from dance2pose.results import Result, Source
+from dance2pose.video import VideoInfo, open_video
+
+RECORDING, POSES, KEYPOINTS = ".rrd", ".npz", ".track.npz"
+
+
+def plan_run(
+    output: Path,
+    options: OutputOptions,
+    *,
+    inputs: Sequence[Path | None],
+    overwrite: bool,
+) -> OutputPlan:
+    """Plan the files of `reconstruct`: the recording, and what stands beside it."""
+    beside = [POSES, KEYPOINTS] if options.npz else []
+    return plan_outputs(
+        output,
+        kinds=(RECORDING,),
+        beside=[*beside, *_known(options.forms)],
+        inputs=inputs,
+        overwrite=overwrite,
+    )
+
+
+def save(
+    result: Result, path: Path, options: OutputOptions, *, overwrite: bool = False
+) -> list[Path]:
+    """Write a result in the form that the suffix of `path` names."""
+    suffix = path.suffix.lower()
+    kinds = (RECORDING, POSES, *_WRITERS)
+    plan = plan_outputs(
+        path,
+        kinds=kinds,
+        beside=[KEYPOINTS] if suffix == POSES else [],
+        inputs=[result.source.path],
+        overwrite=overwrite,
+    )
+    with plan.writing() as staged:
+        if suffix == RECORDING:
+            _save_recording(result, staged.path(path), options)
+        else:
+            if suffix != POSES:
+                raise UsageError(f"{path}: no form is called {suffix}")
+            _write_npz(result, plan, staged)
+    return list(staged.files)
+
+
+def write_beside(result: Result, plan: OutputPlan, staged: Staged) -> None:
+    """Write what the plan has beside the main file."""
+    if POSES in plan.beside:
+        _write_npz(result, plan, staged)
+
+
+@contextmanager
+def open_recording(
+    path: Path,
+    info: VideoInfo,
+    options: OutputOptions,
+    *,
+    identity: str,
+    deinterlaced: bool,
+) -> Iterator[RecordingWriter]:
+    """A recording of a video that is written to `path` when the block ends well.
+
+    identity: of the run, see `provenance.identity_of`.
+    """
+    picture, reason = choose_picture(info, options.picture, deinterlaced)
+    with RecordingWriter(
+        path,
+        recording_id=recording_id(identity, picture),
+        picture=picture,
+        video=info,
+        reason=reason,
+        overwrite=True,
+    ) as recording:
+        yield recording
+
+
+def _known(forms: Sequence[str]) -> Sequence[str]:
+    for form in forms:
+        if form not in _WRITERS:
+            known = ", ".join(sorted(suffix.lstrip(".") for suffix in _WRITERS)) or "none yet"
+            raise UsageError(
+                f"export {form.lstrip('.')!r}: no such form; known: {known}"
+                f"{nearest(form, _WRITERS)}"
+            )
+    return forms
+
+
+_WRITERS: dict[str, Callable[[Path, Result], None]] = {}
+
+
+def _save_recording(result: Result, path: Path, options: OutputOptions) -> None:
+    """The recording of a result whose video was read before: frames that go into it as pictures
+    are read again."""
+    source = result.source
+    with open_recording(
+        path,
+        source.info,
+        options,
+        identity=result.provenance.identity,
+        deinterlaced=source.deinterlaced,
+    ) as recording:
+        if recording.records_frames:
+            for frame in _frames_again(source):
+                recording.picture_frame(frame)
+        recording.write(result.dancers, result.provenance, source.timeline)
+
+
+def _frames_again(source: Source) -> Iterator[Frame]:
+    timeline = source.timeline
+    wanted = set(timeline.frame.tolist())
+    with open_video(
+        source.path,
+        start_s=float(timeline.time_s[0]),
+        end_s=float(timeline.time_s[-1]),
+        deinterlace="auto" if source.deinterlaced else "off",
+    ) as frames:
+        yield from (frame for frame in frames if frame.index in wanted)
+
+
+def _write_npz(result: Result, plan: OutputPlan, staged: Staged) -> None:
+    for dancer in result.dancers:
+        _write_dancer(dancer, result, plan, staged)
+
+
+def _write_dancer(dancer: Dancer, result: Result, plan: OutputPlan, staged: Staged) -> None:
+    person = None if dancer is result.dancers[0] else dancer.person
+    about = result.about()
+    poses, track = (staged.path(plan.name(suffix, person)) for suffix in (POSES, KEYPOINTS))
+    exchange.write_poses(poses, dancer.smoothed, provenance=about, overwrite=True)
+    exchange.write_track(track, dancer.keypoints, provenance=about, overwrite=True)
