@@ -14,6 +14,7 @@ import scipy
 from dance2pose import __version__
 from dance2pose.errors import DataError, OutputError
 from dance2pose.evaluation.cameras import MM_PER_PIXEL, scenes
+from dance2pose.evaluation.claims import learned_from, overlap_sentence
 from dance2pose.evaluation.lifter_experiments import lifter_tables, skeleton_table
 from dance2pose.evaluation.limits_check import TURNED_DEGREES, JointLimits
 from dance2pose.evaluation.limits_check import score as score_limits
@@ -114,11 +115,12 @@ def _introduction(
         f"dance2pose {__version__}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
         f"Python {platform.python_version()}"
     )
+    claim = overlap_sentence([take.name for take in takes], learned_from())
     report.parts += [
         "# Evaluation",
         f"Made by `{command}` with {versions}.",
-        f"**Data.** {len(takes)} takes, {frames:,} frames, none of them used for learning or "
-        f"tuning: {listed}. All retargeted to one body (1.65 m), first joint at the origin.",
+        f"**Data.** {len(takes)} takes, {frames:,} frames: {listed}; {claim}. "
+        "All retargeted to one body (1.65 m), first joint at the origin.",
         f"**Cameras.** Orthographic, {MM_PER_PIXEL:g} mm a pixel. Cameras stand evenly around "
         f"every take ({settings.views}, where nothing else is said), the first azimuth of a take "
         f"drawn at random; tilts are drawn uniformly within ±{settings.tilt_deg:g}°.",

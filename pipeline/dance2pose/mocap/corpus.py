@@ -7,6 +7,7 @@ subjects), so that shape is not confused with stature. A take is given as `cmu17
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -157,12 +158,19 @@ def _interpolated(values: FloatArray, at: FloatArray) -> FloatArray:
 def read_take(path: Path, skeleton: str = "cmu17") -> Take:
     """A BVH take on the one body, with the corpus's traps undone (rest pose, rates, units)."""
     motion = read_bvh(path)
-    rate = 60.0 if "_salsa_" in path.stem else 1 / motion.frame_time_s
+    rate = 60.0 if _is_mislabelled(path.stem, motion) else 1 / motion.frame_time_s
     if "Hips" in motion.names:  # the first frame of these files is an inserted rest pose
         if len(motion) < 2:
             raise DataError(f"{path}: holds the rest pose alone, no frame of motion")
         motion = motion.frames(slice(1, None))
     return _on_one_body(path.stem, motion, str(path), round(rate, 3), skeleton)
+
+
+def _is_mislabelled(name: str, motion: Motion) -> bool:
+    """Whether a take is one of those of the CMU database that say 120 Hz and are 60: the salsa of
+    subject 60 on the Poser rig. A name alone tells nothing of a rate."""
+    says_120 = abs(1 / motion.frame_time_s - 120.0) < 1.0
+    return bool(re.fullmatch(r"60_salsa_\d\d", name)) and "hip" in motion.names and says_120
 
 
 def read_asf_amc_take(asf: Path, amc: Path, skeleton: str = "cmu17") -> Take:
@@ -184,18 +192,22 @@ def _on_one_body(name: str, motion: Motion, source: str, rate: float, skeleton: 
 
 
 def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:
-    """Every .bvh of a folder, and every take of a .npz of cmu17 positions, in name order.
+    """Every .bvh and .amc of a folder, and every take of a .npz of cmu17 positions, in name order.
 
-    source: a folder or one such file. Raises DataError for what cannot be read.
+    source: a folder or one such file. The skeleton (.asf) of an .amc file lies beside it under the
+    name of the subject: 02.asf of 02_01.amc. Raises DataError for what cannot be read.
     """
     files = [source]
     if source.is_dir():
-        files = sorted(p for p in source.iterdir() if p.suffix in (".bvh", ".npz"))
+        files = sorted(p for p in source.iterdir() if p.suffix in (".bvh", ".amc", ".npz"))
         if not files:
-            raise DataError(f"{source}: holds no .bvh and no .npz")
+            raise DataError(f"{source}: holds no .bvh, no .amc and no .npz")
     for path in files:
         if path.suffix == ".bvh":
             yield read_take(path, skeleton)
+        elif path.suffix == ".amc":
+            asf = path.with_name(f"{path.stem.split('_')[0]}.asf")
+            yield read_asf_amc_take(asf, path, skeleton)
         else:
             yield from _takes_of_npz(path, skeleton)
 

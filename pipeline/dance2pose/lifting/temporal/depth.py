@@ -213,6 +213,11 @@ def sigma_factors() -> FloatArray:
     )
 
 
+def trained_takes() -> frozenset[str]:
+    """The takes that the network was trained on, as its file names them; none where it does not."""
+    return frozenset(_session().metadata.get("training_takes", "").split())
+
+
 def _squeezed(part: Depth) -> Depth:
     return Depth(
         part.xyz[:, 0], part.sigma_z[:, 0], part.sigma[:, 0], part.centre[:, 0], part.scale[:, 0]
