@@ -70,7 +70,7 @@ def test_joints_far_from_their_keypoints_are_named() -> None:
     one = dancer()
     error = one.smoothed.reprojection_error.copy()
     error[7, 3], error[8:20, 7] = 304.0, 117.0
-    text = said(replace(one, smoothed=replace(one.smoothed, reprojection_error=error)))
+    text = said(replace(one, raw=replace(one.raw, reprojection_error=error)))
     assert "304 px" in text and get("body17").joints[3].replace("_", " ") in text
 
 

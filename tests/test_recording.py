@@ -180,7 +180,7 @@ def test_plots_hold_angles_and_trust(recorded: tuple[Recording, list[Dancer], Pa
         seen = [j for j in range(track.xy.shape[1]) if not np.isnan(track.xy[t, j, 0])]
         lifted = not np.isnan(joints.xyz[t]).all()
         confidence = np.mean(track.confidence[t, seen]) if seen else np.nan
-        error = np.mean(joints.reprojection_error[t]) if lifted else np.nan
+        error = np.mean(dancer.raw.reprojection_error[t]) if lifted else np.nan
         invalid = sum(not ok for ok in joints.valid[t]) if lifted else np.nan
         np.testing.assert_allclose(plot("confidence")[t], confidence)
         np.testing.assert_allclose(plot("reprojection_error")[t], error)

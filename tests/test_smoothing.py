@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dance2pose.errors import UsageError
+from dance2pose.limits import model as limits
 from dance2pose.poses import Timeline, Track3D
 from dance2pose.smoothing import MODELS, check_window, smooth, smooth_track
 
@@ -359,9 +360,19 @@ def test_a_track_is_smoothed_and_the_rest_of_it_kept(root: bool) -> None:
     if root:
         assert raw.root is not None and smoothed.root is not None
         np.testing.assert_array_equal(smoothed.root, smooth(raw.root, model="ema", window=4))
+    recomputed = ("xyz", "root", "valid", "reprojection_error", "sigma")
     for field in dataclasses.fields(Track3D):
-        if field.name not in ("xyz", "root"):
+        if field.name not in recomputed:
             assert getattr(smoothed, field.name) is getattr(raw, field.name)
+
+
+def test_what_described_the_old_poses_does_not_describe_the_new_ones() -> None:
+    raw = _poses(11, root=True)
+    smoothed = smooth_track(raw, model="ema", window=4)
+    np.testing.assert_array_equal(smoothed.valid, limits.load("paper15").is_valid(smoothed.xyz))
+    assert np.isnan(smoothed.reprojection_error).all()
+    assert smoothed.sigma is None
+    assert smooth_track(raw, model="none") is raw
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -103,7 +103,7 @@ def _sudden_turns(track: Track3D) -> Iterator[str]:
 
 def _far_off(dancer: Dancer) -> Iterator[str]:
     """Joints that are drawn far from where their keypoints were seen."""
-    error, xy = dancer.smoothed.reprojection_error, dancer.keypoints.xy
+    error, xy = dancer.raw.reprojection_error, dancer.keypoints.xy
     seen = np.isfinite(error)
     extents = [np.ptp(row[np.isfinite(row)]) for row in xy[..., 1] if np.isfinite(row).any()]
     if not seen.any() or not extents:

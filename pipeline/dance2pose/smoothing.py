@@ -17,7 +17,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from dance2pose import skeleton as skeletons
 from dance2pose.errors import UsageError
+from dance2pose.limits import model as limits
 from dance2pose.options import SmoothOptions, nearest
 from dance2pose.poses import FloatArray, Track3D
 from dance2pose.temporal_models import MODELS as MODELS
@@ -72,20 +74,31 @@ def smooth_track(
     """The track with smoothed joints (and smoothed root, where there is one).
 
     A track shorter than the window is no error here (a shot of a film can be that short): the
-    equations are applied as they stand. `valid`, `reprojection_error`, `estimated` and `sigma`
-    are passed on and describe the poses before smoothing. Each coordinate is smoothed on its
-    own, so bone lengths change a little: a mean of directions is shorter than each of them.
+    equations are applied as they stand. What described the poses before does not describe the
+    new ones: bones are checked again against the joint-angle limits (`valid`), and the
+    reprojection error and sigma, which cannot be known again, are dropped (NaN and None). Each
+    coordinate is smoothed on its own, so bone lengths change a little: a mean of directions is
+    shorter than each of them. The model "none" changes nothing.
 
     Raises UsageError as `smooth` does.
     """
-    if len(track) == 0:
+    check_window(model, window)
+    if len(track) == 0 or model == "none":
         return track
     times = track.time_s
     xyz = _smooth(_numbers(track.xyz), model=model, window=window, time_s=times)
     root = track.root
     if root is not None:
         root = _smooth(_numbers(root), model=model, window=window, time_s=times)
-    return replace(track, xyz=xyz, root=root)
+    lifted = skeletons.get(track.skeleton).is_tree  # only these have limits
+    return replace(
+        track,
+        xyz=xyz,
+        root=root,
+        valid=limits.load(track.skeleton).is_valid(xyz) if lifted else track.valid,
+        reprojection_error=np.full_like(track.reprojection_error, np.nan),
+        sigma=None,
+    )
 
 
 def find_model(name: str) -> TemporalModel:

@@ -30,17 +30,19 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     knows its uncertainty (in the unit of the poses).
     """
     track, joints = dancer.keypoints, dancer.smoothed
+    # Smoothing drops what it cannot know again: error and sigma are those of the lifted poses.
+    raw = dancer.raw
     seen = np.asarray(~np.isnan(track.xy).any(axis=2))
     lifted = ~np.isnan(joints.xyz).all(axis=(1, 2))
     invalid = np.where(lifted, (~joints.valid).sum(axis=1), np.nan)
-    error = joints.reprojection_error
+    error = raw.reprojection_error
     curves = {
         "confidence": Curve("mean confidence", _row_mean(track.confidence, seen)),
         "reprojection_error": Curve("reprojection, px", _row_mean(error, ~np.isnan(error))),
         "invalid_bones": Curve("invalid bones", invalid),
     }
-    if joints.sigma is not None:
-        mean = _row_mean(joints.sigma, ~np.isnan(joints.sigma))
+    if raw.sigma is not None:
+        mean = _row_mean(raw.sigma, ~np.isnan(raw.sigma))
         curves["sigma"] = Curve(f"mean sigma, {joints.unit}", mean)
     return curves
 
