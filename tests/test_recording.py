@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dance2pose.angles import ANGLE_JOINTS, joint_angles
+from dance2pose.angles import angle_names, track_angles
 from dance2pose.commands.view import viewer_program
 from dance2pose.poses import Dancer
 from dance2pose.recording import writer as recording_module
@@ -87,7 +87,7 @@ def test_holds_the_entities_and_timelines_of_the_design(
         expected |= {f"/world/dancer_{n}{name}" for name in ("", "/joints", "/raw")}
         plots = ("confidence", "reprojection_error", "invalid_bones", "sigma")
         expected |= {f"/plots/dancer_{n}/{name}" for name in plots}
-        expected |= {f"/plots/dancer_{n}/angle/{name}" for name in ANGLE_JOINTS}
+        expected |= {f"/plots/dancer_{n}/angle/{name}" for name in angle_names("body17")}
     assert recording.entities == expected
     assert recording.timelines == {"frame", "video_time"}
 
@@ -174,8 +174,8 @@ def test_plots_hold_angles_and_trust(recorded: tuple[Recording, list[Dancer], Pa
     def plot(name: str) -> np.ndarray:
         return rows_of(recording, f"/plots/dancer_2/{name}", "Scalars:scalars")[1][:, 0]
 
-    for name, angle in joint_angles(joints.xyz, joints.skeleton).items():
-        np.testing.assert_allclose(plot(f"angle/{name}"), angle)
+    for name, curve in track_angles(joints).items():
+        np.testing.assert_allclose(plot(f"angle/{name}"), curve.degrees)
     for t in range(len(track)):
         seen = [j for j in range(track.xy.shape[1]) if not np.isnan(track.xy[t, j, 0])]
         lifted = not np.isnan(joints.xyz[t]).all()
@@ -192,12 +192,12 @@ def test_plots_have_names_and_two_sides_two_colours(
 ) -> None:
     recording = recorded[0]
     left, right = (
-        recording.static(f"/plots/dancer_1/angle/{side}_elbow", "SeriesLines:colors")
+        recording.static(f"/plots/dancer_1/angle/{side}_elbow_flexion", "SeriesLines:colors")
         for side in ("left", "right")
     )
     assert left != right
-    name = recording.static("/plots/dancer_1/angle/left_elbow", "SeriesLines:names")
-    assert name == ["left elbow"]
+    name = recording.static("/plots/dancer_1/angle/left_elbow_flexion", "SeriesLines:names")
+    assert name == ["left elbow flexion"]
 
 
 def test_a_lifter_that_knows_no_uncertainty_has_no_plot_of_it(video: Path, tmp_path: Path) -> None:
@@ -273,7 +273,9 @@ def test_has_its_id_and_its_layout(recorded: tuple[Recording, list[Dancer], Path
     assert (entry.application_id, entry.recording_id) == ("dance2pose", "one-id")
     (layout,) = reader.blueprints()
     entities = {chunk.entity_path for chunk in reader.stream(store=layout)}
-    assert sum(path.count("/") == 2 and path.startswith("/view/") for path in entities) == 2 * 8 + 3
+    assert (
+        sum(path.count("/") == 2 and path.startswith("/view/") for path in entities) == 2 * 12 + 3
+    )
 
 
 def test_rerun_itself_finds_it_whole(recorded: tuple[Recording, list[Dancer], Path]) -> None:

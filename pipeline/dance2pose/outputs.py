@@ -22,6 +22,8 @@ _MARK = b"dance2pose"
 _LOOKED_AT_BYTES = 1 << 18
 # The poses of the first version hold no mark; they hold these arrays.
 _FIRST_VERSION = (b"skeleton.npy", b"joints.npy", b"time_s.npy")
+# Suffixes of two parts that belong together.
+_TWO_PARTS = (".track.npz", ".long.csv", ".keypoints.csv", ".phrases.csv")
 _PER_DANCER = re.compile(r"\.dancer_\d+")
 
 
@@ -149,7 +151,7 @@ def _stem(path: Path) -> str:
 def _suffix(path: Path) -> str:
     """The suffix with its first part where it has two that belong together (.track.npz)."""
     two = "".join(path.suffixes[-2:]).lower()
-    return two if two in (".track.npz", ".long.csv") else path.suffix.lower()
+    return two if two in _TWO_PARTS else path.suffix.lower()
 
 
 def _dancer(person: int | None) -> str:

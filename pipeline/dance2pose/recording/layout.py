@@ -27,7 +27,19 @@ _VIEW_ASPECT = 1.6
 # the picture, yet turned and raised enough to show depth.
 _EYE_TURN, _EYE_RISE = np.radians(18.0), np.radians(10.0)
 
-_ANGLE_PLOTS = {"Elbows": "elbow", "Shoulders": "shoulder", "Hips": "hip", "Knees": "knee"}
+# Title of a plot, and the angle that it shows of both sides.
+_ANGLE_PLOTS = {
+    "Elbow flexion": "elbow_flexion",
+    "Shoulder elevation": "shoulder_elevation",
+    "Shoulder abduction": "shoulder_abduction",
+    "Hip flexion": "hip_flexion",
+    "Hip abduction": "hip_abduction",
+    "Knee flexion": "knee_flexion",
+    "Ankle flexion": "ankle_flexion",
+}
+_TRUNK_PLOT = ("Trunk lean", "trunk_lean")
+# Angles that are never negative start at 0; the others go both ways.
+_BOTH_WAYS = ("abduction", "hip_flexion", "ankle")
 
 
 def blueprint(
@@ -121,12 +133,14 @@ def _plots(dancer: Dancer) -> rrb.Vertical:
     angles = [
         _plot(
             base,
-            [f"angle/{side}_{joint}" for side in ("left", "right")],
+            [f"angle/{side}_{angle}" for side in ("left", "right")],
             f"{title}, degrees (blue left, red right)",
+            bottom=-95.0 if any(word in angle for word in _BOTH_WAYS) else 0.0,
             top=185.0,
         )
-        for title, joint in _ANGLE_PLOTS.items()
+        for title, angle in _ANGLE_PLOTS.items()
     ]
+    angles.append(_plot(base, [f"angle/{_TRUNK_PLOT[1]}"], f"{_TRUNK_PLOT[0]}, degrees", top=185.0))
     trust = [
         _plot(base, [name], title[0].upper() + title[1:], top=_plot_top(name, values))
         for name, (title, values) in trust_curves(dancer).items()
@@ -135,18 +149,20 @@ def _plots(dancer: Dancer) -> rrb.Vertical:
         rrb.Grid(*angles, grid_columns=2),
         rrb.Grid(*trust, grid_columns=2 if len(trust) == 4 else 3),
         name=f"Dancer {dancer.person}",
-        row_shares=[3, 2] if len(trust) == 4 else [3, 1],
+        row_shares=[4, 2] if len(trust) == 4 else [4, 1],
     )
 
 
-def _plot(base: str, entities: Sequence[str], name: str, *, top: float) -> rrb.TimeSeriesView:
+def _plot(
+    base: str, entities: Sequence[str], name: str, *, top: float, bottom: float = 0.0
+) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=base,
         contents=[f"+ {base}/{entity}" for entity in entities],
         name=name,
         plot_legend=rrb.PlotLegend(visible=False),
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
-        axis_y=rrb.ScalarAxis(range=(0.0, top)),
+        axis_y=rrb.ScalarAxis(range=(bottom, top)),
     )
 
 

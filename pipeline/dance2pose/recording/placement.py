@@ -16,7 +16,7 @@ import numpy as np
 from dance2pose.poses import Dancer, FloatArray, Track3D, Unit
 
 # Between pelvises set side by side: outstretched arms do not quite touch.
-_SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
+SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
 _PATHS = (
     "Dancers move along paths estimated for a camera that stands still, over a floor levelled by "
     "upright bodies and standing feet (y = 0). Under a camera that pans or zooms the paths mean "
@@ -48,15 +48,15 @@ def place(dancers: Sequence[Dancer]) -> Placement:
         return Placement(np.zeros((len(dancers), 3)), (_PATHS,))
     unit = dancers[0].smoothed.unit
     offsets = np.zeros((len(dancers), 3))
-    offsets[:, 1] = -np.nan_to_num([_floor(positions(d.smoothed)) for d in dancers])
-    offsets[:, 0] = _side_by_side(dancers) * _SPACING[unit]
+    offsets[:, 1] = -np.nan_to_num([floor_height(positions(d.smoothed)) for d in dancers])
+    offsets[:, 0] = _side_by_side(dancers) * SPACING[unit]
     notes = [
         "The path through the room is not known: every pelvis stays in place, and its height "
         "above the floor is set once for the whole track."
     ]
     if len(dancers) > 1:
         notes.append(
-            f"Dancers are set {_SPACING[unit]:g} {unit} apart, in the order in which they are "
+            f"Dancers are set {SPACING[unit]:g} {unit} apart, in the order in which they are "
             "seen from left to right; the distance between them means nothing."
         )
     notes += [
@@ -66,7 +66,7 @@ def place(dancers: Sequence[Dancer]) -> Placement:
     return Placement(offsets, tuple(notes))
 
 
-def _floor(xyz: FloatArray) -> float:
+def floor_height(xyz: FloatArray) -> float:
     """Height of the lowest joint over (T, J, 3), without the one or two wildest frames."""
     heights = xyz[..., 1]
     lowest = np.where(np.isnan(heights), np.inf, heights).min(axis=1)

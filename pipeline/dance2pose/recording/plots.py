@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dance2pose.angles import joint_angles
+from dance2pose.angles import track_angles
 from dance2pose.poses import BoolArray, Dancer, FloatArray
 
 
@@ -18,9 +18,9 @@ class Curve(NamedTuple):
 
 
 def angle_curves(dancer: Dancer) -> dict[str, Curve]:
-    """The joint angles of the smoothed poses, degrees, by joint."""
-    angles = joint_angles(dancer.smoothed.xyz, dancer.smoothed.skeleton)
-    return {joint: Curve(joint.replace("_", " "), values) for joint, values in angles.items()}
+    """The joint angles of the smoothed poses, degrees, by name (see `angles`)."""
+    angles = track_angles(dancer.smoothed, uncertain=False)
+    return {name: Curve(name.replace("_", " "), curve.degrees) for name, curve in angles.items()}
 
 
 def trust_curves(dancer: Dancer) -> dict[str, Curve]:

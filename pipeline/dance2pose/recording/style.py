@@ -56,18 +56,23 @@ def send_style(stream: rr.RecordingStream, dancers: Sequence[Dancer], placement:
 
 def _skeleton_class(person: int, skeleton: Skeleton) -> rr.ClassDescription:
     """A skeleton in the dancer's colour, its joints coloured by side."""
-    colour = _DANCERS[(person - 1) % len(_DANCERS)]
+    colour = dancer_colour(person)
     return rr.ClassDescription(
         info=rr.AnnotationInfo(id=person, label=f"dancer {person}", color=colour),
         keypoint_annotations=[
-            rr.AnnotationInfo(id=j, label=name, color=_side_colour(name, colour))
+            rr.AnnotationInfo(id=j, label=name, color=side_colour(name, colour))
             for j, name in enumerate(skeleton.joints)
         ],
         keypoint_connections=skeleton.bones,
     )
 
 
-def _side_colour(joint: str, middle: Colour) -> Colour:
+def dancer_colour(person: int) -> Colour:
+    """Red, green, blue of a dancer (numbered from 1)."""
+    return _DANCERS[(person - 1) % len(_DANCERS)]
+
+
+def side_colour(joint: str, middle: Colour) -> Colour:
     parts = joint.split("_")
     return _LEFT if "left" in parts else _RIGHT if "right" in parts else middle
 
@@ -112,7 +117,7 @@ def _style_world(stream: rr.RecordingStream, dancer: Dancer) -> None:
 def _style_plots(stream: rr.RecordingStream, dancer: Dancer) -> None:
     base = plots_path(dancer.person)
     for joint, curve in angle_curves(dancer).items():
-        line = rr.SeriesLines(colors=_side_colour(joint, _PLOT), names=curve.title, widths=1.5)
+        line = rr.SeriesLines(colors=side_colour(joint, _PLOT), names=curve.title, widths=1.5)
         stream.log(f"{base}/angle/{joint}", line, static=True)
     for name, curve in trust_curves(dancer).items():
         line = rr.SeriesLines(colors=_PLOT, names=curve.title, widths=1.5)
