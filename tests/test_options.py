@@ -89,10 +89,8 @@ def test_every_temporal_model_can_be_chosen() -> None:
 
 
 @given(st.lists(st.sampled_from(["bvh", ".csv", " BVH", "glb", ""])))
-def test_export_forms_are_suffixes_once_each_in_order(words: list[str]) -> None:
+def test_export_forms_are_named_once_each_in_order(words: list[str]) -> None:
     forms = OutputOptions(export=",".join(words)).forms
     assert len(set(forms)) == len(forms)
-    assert all(form.startswith(".") and form == form.strip().lower() for form in forms)
-    assert {form.lstrip(".") for form in forms} == {
-        word.strip().lower().lstrip(".") for word in words if word.strip()
-    }
+    assert all(form == form.strip().lower() for form in forms)
+    assert set(forms) == {word.strip().lower().lstrip(".") for word in words if word.strip()}

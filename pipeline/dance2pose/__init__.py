@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from dance2pose import skeleton as skeletons
+    from dance2pose.angles import joint_angles as joint_angles
     from dance2pose.front_door import load as load
     from dance2pose.front_door import smooth as smooth
     from dance2pose.lifting.lift import lift as lift
@@ -42,6 +43,7 @@ _HOMES = {
     "lift_all": "lifting.lift",
     "smooth": "front_door",
     "load": "front_door",
+    "joint_angles": "angles",
     "Settings": "options",
     "VideoOptions": "options",
     "LiftOptions": "options",

@@ -81,11 +81,31 @@ def angle_names(skeleton: str) -> tuple[str, ...]:
 def joint_angles(xyz: FloatArray, skeleton: str) -> dict[str, FloatArray]:
     """The angles of a pose or a sequence, each (...) in degrees, by name; not unwrapped.
 
-    xyz: (..., J, 3) in any unit, world axes (y up). An angle that the skeleton cannot give is
-    left out. Raises UsageError for a skeleton that is not known and ValueError where J is not its
-    joint count.
+    Parameters
+    ----------
+    xyz
+        (..., J, 3) joints in any unit, world axes (y up).
+    skeleton
+        Name of the joints' layout.
 
-    >>> joint_angles(track.xyz, "body17")["left_knee_flexion"]  # doctest: +SKIP
+    Returns
+    -------
+    dict
+        Angles (...) in degrees by name, see `angle_names`; one that the skeleton cannot give is
+        left out.
+
+    Raises
+    ------
+    UsageError
+        For a skeleton that is not known.
+    ValueError
+        Where J is not its number of joints.
+
+    Examples
+    --------
+    >>> pose = np.zeros((17, 3))
+    >>> sorted(joint_angles(pose, "body17"))[:2]
+    ['left_ankle_dorsiflexion', 'left_elbow_flexion']
     """
     _check_joints(xyz, skeleton)
     places = _places(skeleton)

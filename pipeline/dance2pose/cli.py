@@ -41,6 +41,8 @@ COMMANDS = {
     "demo": "Run the bundled clip through the bundled models.",
     "lift": "Lift 2D keypoints of any tool to 3D poses.",
     "smooth": "Smooth a sequence of poses of any tool over time.",
+    "export": "Write a result in the form of another program: BVH, glTF, C3D, CSV ...",
+    "compare": "Lay two performances beside each other.",
     "evaluate": "Reproduce the paper's experiments on motion capture.",
     "models": "List, inspect and download ONNX models.",
     "view": "Open a recording in the Rerun viewer.",

@@ -180,9 +180,9 @@ class OutputOptions:
 
     @property
     def forms(self) -> tuple[str, ...]:
-        """The suffixes of `export`, each with its dot, in order and once."""
+        """The names in `export`, without leading dots, in order and once."""
         words = [word.strip().lower().lstrip(".") for word in self.export.split(",")]
-        return tuple(dict.fromkeys(f".{word}" for word in words if word))
+        return tuple(dict.fromkeys(word for word in words if word))
 
 
 def made_of(kind: type[T], options: Mapping[str, Any]) -> T:

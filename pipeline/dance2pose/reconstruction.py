@@ -203,8 +203,8 @@ def reconstruct(
                 progress.say(f"picture in the recording: {recording.picture}")
                 found = _analyse(frames, models, settings, recording.picture_frame, progress)
                 recording.write(found.dancers, found.provenance, found.source.timeline)
-            write_beside(found, plan, staged)
-    return summarise(found, staged.files)
+            notes = write_beside(found, plan, staged)
+    return summarise(found, staged.files, notes)
 
 
 def _opened(video: Path, settings: Settings) -> FrameReader:
@@ -312,7 +312,7 @@ def to_3d(tracks: Sequence[Track2D], settings: Settings) -> list[Dancer]:
     ]
 
 
-def summarise(result: Result, files: Sequence[Path]) -> Summary:
+def summarise(result: Result, files: Sequence[Path], notes: Sequence[str] = ()) -> Summary:
     """The figures of a result, as a person reads them at the end of a run."""
     frames = len(result.source.timeline)
     seen: set[int] = set()
@@ -333,5 +333,5 @@ def summarise(result: Result, files: Sequence[Path]) -> Summary:
         shares=tuple(shares),
         mean_confidence=float(confidence.mean()) if confidence.size else float("nan"),
         share_invalid_bones=float(1 - valid.mean()) if valid.size else float("nan"),
-        notes=result.findings,
+        notes=(*result.findings, *notes),
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from dance2pose import exchange
-from dance2pose.errors import UsageError
-from dance2pose.options import OutputOptions, nearest
+from dance2pose import exchange, export
+from dance2pose.options import OutputOptions
 from dance2pose.outputs import OutputPlan, Staged, plan_outputs
 from dance2pose.poses import Dancer, Frame
 from dance2pose.provenance import recording_id
@@ -32,7 +32,7 @@ def plan_run(
     return plan_outputs(
         output,
         kinds=(RECORDING,),
-        beside=[*beside, *_known(options.forms)],
+        beside=[*beside, *_forms(options.forms)],
         inputs=inputs,
         overwrite=overwrite,
     )
@@ -43,10 +43,11 @@ def save(
 ) -> list[Path]:
     """Write a result in the form that the suffix of `path` names."""
     suffix = path.suffix.lower()
-    kinds = (RECORDING, POSES, *_WRITERS)
+    if suffix not in (RECORDING, POSES):
+        return list(export.write(result, path, overwrite=overwrite).files)
     plan = plan_outputs(
         path,
-        kinds=kinds,
+        kinds=(suffix,),
         beside=[KEYPOINTS] if suffix == POSES else [],
         inputs=[result.source.path],
         overwrite=overwrite,
@@ -55,16 +56,26 @@ def save(
         if suffix == RECORDING:
             _save_recording(result, staged.path(path), options)
         else:
-            if suffix != POSES:
-                raise UsageError(f"{path}: no form is called {suffix}")
             _write_npz(result, plan, staged)
     return list(staged.files)
 
 
-def write_beside(result: Result, plan: OutputPlan, staged: Staged) -> None:
-    """Write what the plan has beside the main file."""
+def write_beside(result: Result, plan: OutputPlan, staged: Staged) -> tuple[str, ...]:
+    """Write what the plan has beside the main file. Returns what a reader of the files must know
+    that they cannot say."""
     if POSES in plan.beside:
         _write_npz(result, plan, staged)
+    notes: list[str] = []
+    scene = export.scene_of(result)
+    for suffix in plan.beside:
+        if suffix in export.FORMS:
+            place = partial(_place, plan, staged, suffix)
+            notes += export.write_form(export.FORMS[suffix], scene, place)
+    return tuple(notes)
+
+
+def _place(plan: OutputPlan, staged: Staged, suffix: str, person: int | None) -> Path:
+    return staged.path(plan.name(suffix, person))
 
 
 @contextmanager
@@ -92,18 +103,12 @@ def open_recording(
         yield recording
 
 
-def _known(forms: Sequence[str]) -> Sequence[str]:
+def _forms(names: Sequence[str]) -> list[str]:
+    """Suffixes of export forms, each known and with what it needs installed."""
+    forms = [export.find_form(name) for name in names]
     for form in forms:
-        if form not in _WRITERS:
-            known = ", ".join(sorted(suffix.lstrip(".") for suffix in _WRITERS)) or "none yet"
-            raise UsageError(
-                f"export {form.lstrip('.')!r}: no such form; known: {known}"
-                f"{nearest(form, _WRITERS)}"
-            )
-    return forms
-
-
-_WRITERS: dict[str, Callable[[Path, Result], None]] = {}
+        export.check(form)
+    return [form.suffix for form in forms]
 
 
 def _save_recording(result: Result, path: Path, options: OutputOptions) -> None:
