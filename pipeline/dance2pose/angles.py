@@ -105,7 +105,7 @@ def joint_angles(xyz: FloatArray, skeleton: str) -> dict[str, FloatArray]:
     --------
     >>> pose = np.zeros((17, 3))
     >>> sorted(joint_angles(pose, "body17"))[:2]
-    ['left_ankle_dorsiflexion', 'left_elbow_flexion']
+    ['left_ankle_flexion', 'left_elbow_flexion']
     """
     _check_joints(xyz, skeleton)
     places = _places(skeleton)

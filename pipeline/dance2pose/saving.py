@@ -69,8 +69,8 @@ def write_beside(result: Result, plan: OutputPlan, staged: Staged) -> tuple[str,
     scene = export.scene_of(result)
     for suffix in plan.beside:
         if suffix in export.FORMS:
-            place = partial(_place, plan, staged, suffix)
-            notes += export.write_form(export.FORMS[suffix], scene, place)
+            form, place = export.FORMS[suffix], partial(_place, plan, staged, suffix)
+            notes += [f"{form.name}: {note}" for note in export.write_form(form, scene, place)]
     return tuple(notes)
 
 
