@@ -11,9 +11,13 @@ from dance2pose.errors import UsageError
 LIFTING = ("cmu17", "paper15", "body17")
 KEYPOINT_COUNTS = {
     "coco17": 17,
+    "coco18": 18,
     "coco23": 23,
     "halpe26": 26,
     "body25": 25,
+    "body25b": 25,
+    "wholebody133": 133,
+    "halpe136": 136,
     "mpii16": 16,
     "h36m17": 17,
     "blazepose33": 33,

@@ -250,8 +250,8 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     source = _npz(tmp_path / "in.npz", xyz=XYZ)
     with pytest.raises(UsageError, match="same kind"):
         run(source, output=tmp_path / "out.csv")
-    with pytest.raises(UsageError, match=r"expected a \.npz, \.csv or \.trc"):
-        run(tmp_path / "in.c3d", output=tmp_path / "out.c3d")
+    with pytest.raises(UsageError, match=r"expected a \.npz, \.csv, .*\.c3d, \.bvh file"):
+        run(tmp_path / "in.fbx", output=tmp_path / "out.fbx")
     with pytest.raises(OutputError, match="exists already"):
         run(source, output=source)
     with pytest.raises(DataError, match="cannot be read"):

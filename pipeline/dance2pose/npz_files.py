@@ -6,10 +6,12 @@ for it: an archive that claims more than `MAX_BYTES` is refused.
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -33,6 +35,8 @@ def read_arrays(path: Path, *, max_bytes: int = MAX_BYTES) -> dict[str, AnyArray
     objects, or larger than `max_bytes` when unpacked.
     """
     try:
+        if path.stat().st_size > max_bytes:
+            raise DataError(f"{path}: is larger than {max_bytes / 1e9:.1f} GB")
         with zipfile.ZipFile(path) as archive:
             members = [info for info in archive.infolist() if not info.is_dir()]
             _check_size(path, members, max_bytes)
@@ -78,17 +82,16 @@ def _read_array(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
     with archive.open(info) as stream:
         try:
             shape, fortran_order, dtype = _read_header(stream)
-        except ValueError as error:
-            raise DataError(f"{path}: {info.filename} is not a NumPy array: {error}") from error
+        except (ValueError, SyntaxError, TokenError, RecursionError, MemoryError) as error:
+            reason = str(error).partition("\n")[0][:200]
+            raise DataError(f"{path}: {info.filename} is not a NumPy array: {reason}") from error
         if dtype.hasobject:
             raise DataError(
                 f"{path}: the array {name!r} holds pickled Python objects, which are never read;"
                 " save it as numbers or as plain strings"
             )
-        count = 1
-        for length in shape:
-            count *= length  # Python integers: no overflow
-        wanted = count * dtype.itemsize
+        count = math.prod(shape)  # Python integers: no overflow
+        wanted = count * max(dtype.itemsize, 1)
         # More than the archive says the member holds cannot be in it; zipfile never reads past
         # that size, and `_check_size` has bounded it.
         if wanted > info.file_size:
@@ -99,8 +102,13 @@ def _read_array(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
         data = stream.read(wanted)
     if len(data) != wanted:
         raise DataError(f"{path}: the array {name!r} is truncated")
-    flat = np.frombuffer(data, dtype=dtype, count=count)
-    return flat.reshape(shape, order="F" if fortran_order else "C").copy()
+    try:
+        if not count:
+            return np.zeros(shape, dtype)
+        flat = np.frombuffer(data, dtype=dtype, count=count)
+        return flat.reshape(shape, order="F" if fortran_order else "C").copy()
+    except (ValueError, OverflowError, MemoryError) as error:
+        raise DataError(f"{path}: the array {name!r} of shape {shape}: {error}") from error
 
 
 def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -5,20 +5,24 @@ the motion. Beside them stand the same four without lag (zero phase) and what pr
 One-Euro, Savitzky-Golay, Butterworth. `MODELS` lists them all with their lag.
 
 Every coordinate is smoothed on its own. NaN is missing: a gap stays a gap of the same length, its
-neighbours are not pulled towards anything, and the model starts afresh behind it. Frames count,
-not seconds, except for One-Euro and where a cut-off in hertz is given.
+neighbours are not pulled towards anything, and the model starts afresh behind it; so it does where
+rows are absent or time jumps (`holes`). Frames count, not seconds, except for One-Euro and where a
+cut-off in hertz is given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import UsageError
+from dance2pose.holes import holes
 from dance2pose.limits import model as limits
 from dance2pose.options import SmoothOptions, nearest
 from dance2pose.poses import FloatArray, Track3D
@@ -37,6 +41,7 @@ def smooth(
     model: str = DEFAULT_MODEL,
     window: int = DEFAULT_WINDOW,
     time_s: npt.ArrayLike | None = None,
+    frame: npt.ArrayLike | None = None,
     cutoff_hz: float | None = None,
     beta: float = DEFAULT_BETA,
 ) -> FloatArray:
@@ -44,14 +49,15 @@ def smooth(
 
     values: (T, ...) numbers of any unit, NaN where missing; not changed. model: a name of
     `MODELS`. window: frames, from 1 (which changes nothing) to T. time_s: (T,) times of the
-    frames in seconds, used by one-euro and where a cut-off is given. cutoff_hz: for butterworth
-    and one-euro, instead of the one that follows from the window (a mean over the window has the
-    same 3 dB point; One-Euro at rest is the EMA of the window). beta: for one-euro, by how many
-    hertz the cut-off rises when a value crosses the extent of the data in one second (the extent
-    makes it independent of the unit of `values`).
+    frames in seconds, used by one-euro and where a cut-off is given. frame: (T,) their numbers;
+    either tells holes in time, across which nothing flows (`holes.holes`). cutoff_hz: for
+    butterworth and one-euro, instead of the one that follows from the window (a mean over the
+    window has the same 3 dB point; One-Euro at rest is the EMA of the window). beta: for
+    one-euro, by how many hertz the cut-off rises when a value crosses the extent of the data in
+    one second (the extent makes it independent of the unit of `values`).
 
     Returns (T, ...) in the dtype of `values` (float64 if they are integers), NaN exactly where
-    `values` is NaN; computed in float64. A run between two gaps that is shorter than the window
+    `values` is NaN; computed in float64. A run between two holes that is shorter than the window
     is treated as a sequence of its own: SMA and WMA keep its values.
 
     Raises UsageError for an unknown model, a window below 1 or longer than the sequence, an even
@@ -65,7 +71,15 @@ def smooth(
             f"a window of {window} frames is longer than the sequence of {len(array)} frames;"
             f" give a window of at most {len(array)}"
         )
-    return _smooth(array, model=model, window=window, time_s=time_s, cutoff_hz=cutoff_hz, beta=beta)
+    return smooth_part(
+        array,
+        model=model,
+        window=window,
+        time_s=time_s,
+        frame=frame,
+        cutoff_hz=cutoff_hz,
+        beta=beta,
+    )
 
 
 def smooth_track(
@@ -85,11 +99,10 @@ def smooth_track(
     check_window(model, window)
     if len(track) == 0 or model == "none":
         return track
-    times = track.time_s
-    xyz = _smooth(_numbers(track.xyz), model=model, window=window, time_s=times)
-    root = track.root
+    part = partial(smooth_part, model=model, window=window, time_s=track.time_s, frame=track.frame)
+    xyz, root = part(track.xyz), track.root
     if root is not None:
-        root = _smooth(_numbers(root), model=model, window=window, time_s=times)
+        root = part(root)
     lifted = skeletons.get(track.skeleton).is_tree  # only these have limits
     return replace(
         track,
@@ -123,15 +136,18 @@ def check_window(model: str, window: int) -> None:
         )
 
 
-def _smooth(
-    array: FloatArray,
+def smooth_part(
+    values: npt.ArrayLike,
     *,
     model: str,
     window: int,
     time_s: npt.ArrayLike | None = None,
+    frame: npt.ArrayLike | None = None,
     cutoff_hz: float | None = None,
     beta: float = DEFAULT_BETA,
 ) -> FloatArray:
+    """As `smooth`, for a sequence that may be shorter than the window: one shot, one person."""
+    array = _numbers(values)
     check_window(model, window)
     times, step_s = _times(time_s, len(array))
     _check_cutoff(cutoff_hz, beta, model, timed=time_s is not None)
@@ -141,9 +157,23 @@ def _smooth(
     sampling = Sampling(window, step_s, cutoff_hz, beta, _extent(columns))
     kernel = MODELS[model].kernel
     out = np.full_like(columns, np.nan)
-    for start, stop, members in _runs(np.isfinite(columns)):
-        out[start:stop, members] = kernel(columns[start:stop, members], times[start:stop], sampling)
+    for first, last in _stretches(time_s, frame, len(array)):
+        for start, stop, members in _runs(np.isfinite(columns[first:last])):
+            rows = slice(first + start, first + stop)
+            out[rows, members] = kernel(columns[rows, members], times[rows], sampling)
     return out.reshape(array.shape).astype(array.dtype)
+
+
+def _stretches(
+    time_s: npt.ArrayLike | None, frame: npt.ArrayLike | None, length: int
+) -> list[tuple[int, int]]:
+    """First row and row behind the last of every stretch without a hole in time."""
+    cuts: list[int] = []
+    if frame is not None and np.shape(frame) != (length,):
+        raise UsageError(f"frame has shape {np.shape(frame)}, expected ({length},), one a row")
+    if time_s is not None or frame is not None:
+        cuts = (np.flatnonzero(holes(time_s, frame)) + 1).tolist()
+    return list(pairwise([0, *cuts, length]))
 
 
 def _runs(present: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:

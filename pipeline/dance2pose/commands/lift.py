@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,8 +15,8 @@ from dance2pose.exchange import write_poses
 from dance2pose.lifting import lift_all
 from dance2pose.options import LiftOptions, Settings, parse_person
 from dance2pose.outputs import plan_outputs
-from dance2pose.pose_files import read_tracks
-from dance2pose.poses import Track2D, Track3D
+from dance2pose.poses import Track3D
+from dance2pose.reading import MIN_CONFIDENCE, read_tracks
 
 
 def lift(
@@ -30,6 +29,7 @@ def lift(
     skeleton: str | None = None,
     image_size: tuple[int, int] | None = None,
     person: str = Settings.person,
+    min_confidence: float = MIN_CONFIDENCE,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> None:
@@ -38,19 +38,23 @@ def lift(
     Parameters
     ----------
     track
-        A track .npz, a folder of OpenPose JSON files, or a COCO keypoint .json.
+        A track .npz; JSON of OpenPose (a folder), COCO, AlphaPose, MMPose, rtmlib or MediaPipe;
+        CSV or .h5 of DeepLabCut or SLEAP; a .csv with columns such as nose_x and nose_y.
     output
         The .npz to write; further dancers go beside it as OUT.dancer_N.npz.
     independent
         The frames are unrelated pictures; nothing flows between them.
     frame_rate
-        Pictures a second; JSON files do not tell it.
+        Pictures a second, for files without times; most of other tools have none.
     skeleton
-        Skeleton of the keypoints, where their number does not tell it.
+        Skeleton of the keypoints, where neither their names nor their number tell it.
     image_size
-        Width and height of the picture in pixels, where the file does not tell it.
+        Width and height of the picture in pixels, where the file does not tell it; without it no
+        path through the room is found.
     person
         Whose poses: auto, all, largest, central or a number; a track .npz holds one dancer.
+    min_confidence
+        Keypoints less sure than this, 0 to 1, count as not seen.
     overwrite
         Replace files that dance2pose wrote.
     quiet
@@ -59,14 +63,19 @@ def lift(
     parse_person(person)
     inputs = [*track.iterdir()] if track.is_dir() else [track]
     plan = plan_outputs(output, kinds=(".npz",), inputs=inputs, overwrite=overwrite)
-    tracks = read_tracks(
+    read = read_tracks(
         track,
         frame_rate=frame_rate,
         skeleton=skeleton,
         image_size=image_size,
         person=person,
         independent=independent,
+        min_confidence=min_confidence,
     )
+    tracks = read.tracks
+    if not quiet:
+        for note in read.notes:
+            print(f"note: {note}", file=sys.stderr)
     if not tracks:
         raise DataError(f"{track}: no person is in it long enough to be followed")
     found = lift_all(tracks, options, independent=independent)
@@ -82,20 +91,9 @@ def lift(
             write_poses(staged.path(name), poses, provenance=about, overwrite=True)
     if quiet:
         return
-    for note in _notes(tracks, options or LiftOptions()):
-        print(f"note: {note}", file=sys.stderr)
     for poses, name in zip(found, staged.files, strict=True):
         print(_summary(poses), file=sys.stderr)
         print(f"wrote {name}")
-
-
-def _notes(tracks: Sequence[Track2D], options: LiftOptions) -> list[str]:
-    if options.camera_model == "perspective" and not all(min(t.image_size) > 0 for t in tracks):
-        return [
-            "the size of the picture is not known, so that the weak-perspective camera is taken "
-            "and the path through the room is not found; --image-size WIDTH HEIGHT finds it"
-        ]
-    return []
 
 
 def _summary(poses: Track3D) -> str:

@@ -29,8 +29,72 @@ class _Hierarchy:
     channels: list[list[str]] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class BvhFile:
+    """A take as the file has it: its lines up to MOTION, and the numbers behind.
+
+    names, parents, offsets (J, 3): of the nodes, as in `Motion`. channels: one list of names
+    ("Xposition", "Zrotation" ...) a node, in the order of the columns. values: (T, columns),
+    degrees and the file's unit of length. frame_time: seconds.
+    """
+
+    header: tuple[str, ...]
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: npt.NDArray[np.float64]
+    channels: tuple[tuple[str, ...], ...]
+    values: npt.NDArray[np.float64]
+    frame_time: float
+
+
+def read_bvh_file(path: Path) -> BvhFile:
+    """Read the channels of a take. Raises DataError as `read_bvh` does."""
+    header, hierarchy, values, frame_time = _read(path)
+    channels = tuple(tuple(names) for names in hierarchy.channels)
+    return BvhFile(
+        tuple(header),
+        tuple(hierarchy.names),
+        tuple(hierarchy.parents),
+        np.array(hierarchy.offsets, np.float64),
+        channels,
+        values,
+        frame_time,
+    )
+
+
+def node_positions(take: BvhFile) -> npt.NDArray[np.float64]:
+    """Positions (T, J, 3) of all nodes; a node's own position channels stand for its offset."""
+    frames = len(take.values)
+    position: npt.NDArray[np.float64] = np.zeros((frames, len(take.names), 3))
+    world: list[Rotation] = []
+    column = 0
+    for j, (parent, channels) in enumerate(zip(take.parents, take.channels, strict=True)):
+        block = take.values[:, column : column + len(channels)]
+        column += len(channels)
+        here = np.tile(take.offsets[j], (frames, 1))
+        for i, name in enumerate(channels):
+            if name.endswith("position"):
+                here[:, "XYZ".index(name[0])] = block[:, i]
+        turns = [i for i, name in enumerate(channels) if name.endswith("rotation")]
+        turn = Rotation.identity(frames)
+        if turns:
+            order = "".join(channels[i][0] for i in turns)
+            turn = Rotation.from_euler(order, block[:, turns], degrees=True)
+        if parent >= 0:
+            here = position[:, parent] + world[parent].apply(here)
+            turn = world[parent] * turn
+        position[:, j] = here
+        world.append(turn)
+    return position
+
+
 def read_bvh(path: Path) -> Motion:
     """Read a whole take. Raises DataError naming the file and line of what is wrong."""
+    _, hierarchy, values, frame_time = _read(path)
+    return _motion(hierarchy, values, frame_time)
+
+
+def _read(path: Path) -> tuple[list[str], _Hierarchy, npt.NDArray[np.float64], float]:
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
@@ -42,7 +106,7 @@ def read_bvh(path: Path) -> Motion:
         raise DataError(f"{path}: has no MOTION section; is the file truncated?")
     hierarchy = _parse_hierarchy(path, lines[:motion_line])
     values, frame_time = _parse_frames(path, lines, motion_line, hierarchy)
-    return _motion(hierarchy, values, frame_time)
+    return lines[:motion_line], hierarchy, values, frame_time
 
 
 def _parse_hierarchy(path: Path, lines: list[str]) -> _Hierarchy:
