@@ -185,6 +185,93 @@ def yolov7_rows(path: Path) -> Path:
     )
 
 
+def rows_with_class_before_score(path: Path) -> Path:
+    rows = np.concatenate([letterboxed(centre=True), np.zeros((3, 1)), SCORES[:, None]], axis=1)
+    cat = np.array([[5, 5, 50, 50, 15, 0.95]])
+    return emitting(
+        path,
+        {"output0": np.concatenate([cat, rows]).astype(np.float32)[None]},
+        input_shape=[1, 3, HEIGHT, WIDTH],
+    )
+
+
+def rows_without_batch(path: Path) -> Path:
+    rows = np.concatenate([letterboxed(centre=True), SCORES[:, None], np.zeros((3, 1))], axis=1)
+    return emitting(path, {"out": rows.astype(np.float32)}, input_shape=[1, 3, HEIGHT, WIDTH])
+
+
+def surest_class_of_each_cell(path: Path) -> Path:
+    """As `detector_xyxy_score_label`: no NMS, and most rows hold a box in no order."""
+    random = np.random.default_rng(3)
+    rows = random.uniform(0, WIDTH, (CELLS, 6)).astype(np.float32)
+    rows[:, 4] = 1e-5
+    rows[:, 5] = random.integers(0, 80, CELLS)
+    people = np.concatenate([letterboxed(centre=True), SCORES[:, None], np.zeros((3, 1))], axis=1)
+    rows[spread(3, CELLS)] = people
+    rows[2, :] = people[1] - [0, 0, 0, 0, 0.1, 0]  # the surest a second time: NMS removes it
+    rows[40] = [60, 60, 120, 120, 0.99, 56]  # a chair
+    return emitting(path, {"output": rows[None]}, input_shape=[1, 3, HEIGHT, WIDTH])
+
+
+def yolov8_transposed(path: Path) -> Path:
+    values = np.concatenate(
+        [centre_and_size(letterboxed(centre=True)), with_class(SCORES, 80, 0)], axis=1
+    )
+    rows = rows_at(np.concatenate([values, values[1:2]]), CELLS, 84)
+    return emitting(path, {"output0": rows[None]}, input_shape=[1, 3, HEIGHT, WIDTH])
+
+
+def yolov8_in_fractions(path: Path) -> Path:
+    boxes = centre_and_size(letterboxed(centre=True)) / [WIDTH, HEIGHT, WIDTH, HEIGHT]
+    values = np.concatenate([boxes, with_class(SCORES, 80, 0)], axis=1)
+    columns = rows_at(values.astype(np.float32), CELLS, 84).T
+    return emitting(path, {"output0": columns[None]}, input_shape=[1, 3, HEIGHT, WIDTH])
+
+
+def logit(scores: Array) -> Array:
+    return np.log(scores / (1 - scores))
+
+
+def queries(path: Path, classes: int, person: int, *, nothing: bool = False) -> Path:
+    """A head of the DETR family: logits of `classes`, boxes as centre and size in fractions."""
+    values = np.full((100, classes), -5.0)
+    boxes = np.tile([0.5, 0.5, 0.1, 0.1], (100, 1))
+    where = np.array([4, 50, 99])
+    boxes[where] = centre_and_size(PEOPLE / np.array([*PICTURE, *PICTURE], np.float32))
+    values[where, person] = logit(SCORES)
+    if nothing:  # softmax over the classes and "nothing", the last
+        values[:, -1] = 5
+        values[where] = -50
+        values[where, person], values[where, -1] = np.log(SCORES), np.log(1 - SCORES)
+    return emitting(
+        path,
+        {"logits": values.astype(np.float32)[None], "pred_boxes": boxes.astype(np.float32)[None]},
+        input_shape=[1, 3, HEIGHT, WIDTH],
+    )
+
+
+def yolo_nas(path: Path) -> Path:
+    boxes = rows_at(letterboxed(centre=True), CELLS, 4)
+    scores = np.full((1, CELLS, 80), 0.01, np.float32)
+    scores[0, spread(3, CELLS), 0] = SCORES
+    return emitting(path, {"boxes": boxes[None], "s": scores}, input_shape=[1, 3, HEIGHT, WIDTH])
+
+
+def torchvision(path: Path) -> Path:
+    return emitting(
+        path,
+        {
+            "boxes": np.concatenate([letterboxed(centre=True), [[9, 9, 99, 99]]]).astype(
+                np.float32
+            ),
+            "labels": np.array([1, 1, 1, 62], np.int64),
+            "scores": np.array([*SCORES, 0.99], np.float32),
+        },
+        input_shape=[1, 3, HEIGHT, WIDTH],
+        declared={"boxes": ["n", 4], "labels": ["n"], "scores": ["n"]},
+    )
+
+
 def rt_detr(path: Path) -> Path:
     rows = np.concatenate([stretched(), np.array([[9, 9, 99, 99]], np.float32)])
     return emitting(
@@ -227,6 +314,17 @@ BUILDERS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "yolov7 end to end": (yolov7_rows, "rows-batch-xyxy-class-score"),
     "rt-detr": (rt_detr, "boxes-scores-classes"),
     "tensorflow": (tensorflow, "boxes-scores-classes"),
+    "torchvision": (torchvision, "boxes-scores-classes"),
+    "rows, class before score": (rows_with_class_before_score, "rows-xyxy-class-score"),
+    "rows, no batch": (rows_without_batch, "rows-xyxy-score-class"),
+    "surest class of each cell": (surest_class_of_each_cell, "cells-xyxy-score-class"),
+    "yolov8 transposed": (yolov8_transposed, "yolov8"),
+    "yolov8 in fractions": (yolov8_in_fractions, "yolov8"),
+    "yolo-nas": (yolo_nas, "boxes-scores"),
+    "rt-detr head": (lambda path: queries(path, 80, 0), "queries"),
+    "deformable detr head": (lambda path: queries(path, 91, 1), "queries"),
+    "detr head": (lambda path: queries(path, 92, 1, nothing=True), "queries"),
+    "detr head of one class": (lambda path: queries(path, 2, 0, nothing=True), "queries"),
 }
 
 

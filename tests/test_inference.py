@@ -10,6 +10,7 @@ import pytest
 from dance2pose.detection import load_detector
 from dance2pose.errors import ModelError
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
+from dance2pose.onnx_models.answers import losses
 from dance2pose.onnx_models.inference import open_session
 from dance2pose.onnx_models.recognition import inspect_model
 from dance2pose.poses import Boxes
@@ -86,8 +87,24 @@ def test_nan_from_a_model(tmp_path: Path) -> None:
     boxes = Boxes(np.array([[2.0, 3, 40, 60]]), np.array([0.9]))
     white = np.full((90, 70, 3), 255, np.uint8)
     assert np.isfinite(model.estimate(white, boxes).xy).all()
-    with pytest.raises(ModelError, match="output simcc_x holds NaN"):
-        model.estimate(np.zeros_like(white), boxes)
+    lost = model.estimate(np.zeros_like(white), boxes)
+    assert np.isnan(lost.xy).all() and (lost.confidence == 0).all()
+    assert (model.answers.pictures, model.answers.lost) == (2, 1)
+    (said,) = losses([model.answers], first_time_s=0.5)
+    assert said.startswith("1 of 2 pictures are lost") and "simcc_x holds NaN" in said
+
+
+def test_nan_for_every_picture_is_an_error_that_names_the_first_time(tmp_path: Path) -> None:
+    path = dividing(tmp_path / "model.onnx")
+    (tmp_path / "model.toml").write_text("mean = [0, 0, 0]\nstd = [255, 255, 255]\n")
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
+    for _ in range(3):
+        model.estimate(
+            np.zeros((90, 70, 3), np.uint8), Boxes(np.array([[2.0, 3, 40, 60]]), np.array([0.9]))
+        )
+    with pytest.raises(ModelError, match=r"holds NaN.* all 3 pictures .* from 0\.50 s on"):
+        losses([model.answers], first_time_s=0.5)
 
 
 @pytest.mark.parametrize("shape", [[1, 3, 1_000_000, 1_000_000], [1, 3, 20_000, 20_000]])
@@ -112,9 +129,9 @@ def test_a_picture_larger_than_any_model_takes(tmp_path: Path) -> None:
 
 
 def test_memory_that_cannot_be_had_while_running(tmp_path: Path) -> None:
-    detector = load_detector(allocating(tmp_path / "model.onnx", gibibytes=1_000_000))
+    path = allocating(tmp_path / "model.onnx", gibibytes=1_000_000)
     with pytest.raises(ModelError, match=r"model\.onnx: the model failed: .* more memory than"):
-        detector.detect(np.zeros((50, 70, 3), np.uint8))
+        load_detector(path)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@ can tell which one it got back, and which way up."""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import av
 import cv2
 import numpy as np
 from av.filter import Graph
+from av.stream import Disposition
 from av.video.frame import VideoFrame
 
 BITS = 8
@@ -123,17 +126,80 @@ def numbered_video(path: Path, count: int = 12, **options: Any) -> Path:
     return make_video(path, (numbered(number, **size) for number in range(count)), **options)
 
 
+@dataclass(frozen=True)
+class TrackPlan:
+    """A video track for `make_tracks`: numbered pictures from `first` on, at a steady rate."""
+
+    count: int
+    rate: int = 25
+    start_ms: int = 0
+    first: int = 0
+    width: int = 128
+    height: int = 96
+    is_default: bool = False
+
+
+def make_tracks(
+    path: Path,
+    tracks: Sequence[TrackPlan],
+    *,
+    codec: str = "libx264",
+    pixel_format: str = "yuv420p",
+    sound_s: float | None = None,
+    metadata: dict[str, str] | None = None,
+) -> Path:
+    """Several video tracks in one file, and sound from 0 s on if asked for. metadata: of each."""
+    with av.open(str(path), "w") as container:
+        streams: list[Any] = []
+        for plan in tracks:
+            stream: Any = container.add_stream(codec, rate=plan.rate)
+            stream.width, stream.height, stream.pix_fmt = plan.width, plan.height, pixel_format
+            stream.codec_context.time_base = Fraction(1, 1000 * plan.rate)
+            stream.disposition = Disposition.default if plan.is_default else Disposition(0)
+            stream.metadata.update(metadata or {})
+            streams.append(stream)
+        if sound_s is not None:
+            _add_silence(container, sound_s)
+        for plan, stream in zip(tracks, streams, strict=True):
+            for number in range(plan.count):
+                image = numbered(plan.first + number, plan.width, plan.height)
+                frame = as_frame(image, pixel_format)
+                frame.pts = plan.start_ms * plan.rate + 1000 * number
+                frame.time_base = Fraction(1, 1000 * plan.rate)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    return path
+
+
+def _add_silence(container: Any, length_s: float) -> None:
+    stream = container.add_stream("aac", rate=8000, layout="mono")
+    for number in range(int(length_s * 8000 / 1024) + 1):
+        frame = av.AudioFrame.from_ndarray(
+            np.zeros((1, 1024), dtype=np.float32), format="fltp", layout="mono"
+        )
+        frame.sample_rate, frame.pts = 8000, number * 1024
+        container.mux(stream.encode(frame))
+    container.mux(stream.encode(None))
+
+
+def show_only(path: Path, seconds: float) -> Path:
+    """Set the one edit of an MP4 so that only so many seconds are shown."""
+    data = bytearray(path.read_bytes())
+    length = struct.pack(">I", round(seconds * 1000))  # FFmpeg's time scale of the movie
+    edit = data.index(b"elst") + 4
+    assert data[edit : edit + 8] == struct.pack(">II", 0, 1), "one edit, version 0"
+    data[edit + 8 : edit + 12] = length
+    for box, offset in ((b"tkhd", 24), (b"mvhd", 20)):
+        start = data.index(box)
+        data[start + offset : start + offset + 4] = length
+    path.write_bytes(data)
+    return path
+
+
 def make_sound(path: Path) -> Path:
     """A file with sound alone."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("aac", rate=8000, layout="mono")
-        for number in range(8):
-            frame = av.AudioFrame.from_ndarray(
-                np.zeros((1, 1024), dtype=np.float32), format="fltp", layout="mono"
-            )
-            frame.sample_rate, frame.pts = 8000, number * 1024
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+        _add_silence(container, 1)
     return path
 
 

@@ -47,8 +47,9 @@ COMMANDS = {
     "models": "List, inspect and download ONNX models.",
     "view": "Open a recording in the Rerun viewer.",
 }
-# The exit status of wrong usage, of any other failure, and of a run that was stopped.
-_USAGE, _FAILURE, _STOPPED = 2, 1, 130
+# The exit status of wrong usage, of any other failure, of a run that was stopped, and of one whose
+# reader went away (as the shell says it: 128 and the number of the signal).
+_USAGE, _FAILURE, _STOPPED, _NO_READER = 2, 1, 130, 141
 
 app = App(
     name="dance2pose",
@@ -70,6 +71,7 @@ def reconstruct(
     detector: Path | None = None,
     pose: Path | None = None,
     person: str = Settings.person,
+    min_confidence: float | None = Settings.min_confidence,
     lift: Annotated[LiftOptions | None, FLAT] = None,
     smooth: Annotated[SmoothOptions | None, SMOOTH_FLAT] = None,
     part: Annotated[VideoOptions | None, FLAT] = None,
@@ -92,6 +94,9 @@ def reconstruct(
         ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector.
     person
         Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N.
+    min_confidence
+        Score, 0 to 1, from which people and keypoints count; as is usual for each model if not
+        given.
     config
         TOML file of settings, named as the options are.
     overwrite
@@ -106,6 +111,7 @@ def reconstruct(
         detector=detector,
         pose=pose,
         person=person,
+        min_confidence=min_confidence,
         video=part or VideoOptions(),
         lift=lift or LiftOptions(),
         smooth=smooth or SmoothOptions(),
@@ -121,6 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 def _exit_status(arguments: list[str]) -> int:
     try:
+        _check_command(arguments)
         app.config = _configuration(arguments)
         app(
             arguments or ["--help"],
@@ -128,6 +135,9 @@ def _exit_status(arguments: list[str]) -> int:
             print_error=False,
             result_action="return_value",
         )
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _no_reader()
     except CycloptsError as error:
         return _fail(" ".join(str(error).split()), _USAGE)
     except (UsageError, OutputExistsError) as error:
@@ -153,6 +163,24 @@ def _exit_status(arguments: list[str]) -> int:
 def _fail(message: str, status: int) -> int:
     print(f"dance2pose: {message}", file=sys.stderr)
     return status
+
+
+def _no_reader() -> int:
+    """Whoever read the output closed it, as `head` does: that is no failure to speak of."""
+    # Python would complain at the end that it cannot write what is left.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return _NO_READER
+
+
+def _check_command(arguments: list[str]) -> None:
+    """Raise UsageError for a first word that is neither a command nor a video."""
+    word = arguments[0] if arguments else ""
+    if not word.isidentifier() or word in COMMANDS or os.path.lexists(word):
+        return
+    raise UsageError(
+        f"{word}: is no command, and no file of that name is here{nearest(word, COMMANDS)} "
+        f"(commands: {', '.join(COMMANDS)}; or name a video)"
+    )
 
 
 def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:

@@ -9,12 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose import skeleton as skeletons
-from dance2pose.detection import WholePictureModel, boxes_in_image, has_area
+from dance2pose.detection import WholePictureModel, boxes_in_image, has_area, with_threshold
 from dance2pose.errors import ModelError
+from dance2pose.onnx_models.answers import Answers
 from dance2pose.onnx_models.image_input import ImageInput, to_image
-from dance2pose.onnx_models.inference import Array, Session
+from dance2pose.onnx_models.inference import Array, NotFiniteError, Session
 from dance2pose.onnx_models.recognition import FORMS, ModelDescription, open_model
-from dance2pose.poses import Boxes, Image, Poses2D
+from dance2pose.poses import Boxes, FloatArray, Image, Poses2D
 
 # Crops a call where the graph takes any number: enough to keep the cores busy, and the memory of
 # a crowded frame stays bounded.
@@ -27,9 +28,14 @@ class KeypointEstimator(Protocol):
 
     description: ModelDescription
     skeleton: str
+    answers: Answers
 
     def estimate(self, image: Image, boxes: Boxes) -> Poses2D:
         """One pose a box, in the order of the boxes; no box, no pose."""
+        ...
+
+    def describe_reading(self) -> str:
+        """How the model is read, and the best score it gave so far, for a person to judge by."""
         ...
 
 
@@ -39,9 +45,14 @@ class OneStageEstimator(Protocol):
 
     description: ModelDescription
     skeleton: str
+    answers: Answers
 
     def find(self, image: Image) -> tuple[Boxes, Poses2D]:
         """The people in a picture, the surest first, and their keypoints."""
+        ...
+
+    def describe_reading(self) -> str:
+        """How the model is read, and the best score it gave so far, for a person to judge by."""
         ...
 
 
@@ -60,20 +71,42 @@ class OnnxKeypoints:
         self._batch = self._fixed_batch or min(LARGEST_BATCH, manifest.max_batch or LARGEST_BATCH)
         self._input = ImageInput(manifest, image.dtype)
         self._roles, self._outputs = zip(*description.roles.items(), strict=True)
+        self.answers = Answers()
+
+    def describe_reading(self) -> str:
+        read = f"{self.description.path}: was read as {self.description.form} of {self.skeleton}"
+        if self.answers.best_score is None:
+            return read
+        return f"{read}; the best score it gave a keypoint is {self.answers.best_score:.2g}"
 
     def estimate(self, image: Image, boxes: Boxes) -> Poses2D:
+        """One pose a box; without keypoints where the answer is no number (see `answers`)."""
         joints = len(skeletons.get(self.skeleton))
         xy = np.full((len(boxes), joints, 2), np.nan)
         confidence = np.zeros((len(boxes), joints))
         usable = np.flatnonzero(has_area(boxes))
-        for start in range(0, len(usable), self._batch):
-            rows = usable[start : start + self._batch]
-            tensor, affines = self._input.crops(image, boxes.xyxy[rows], batch=self._fixed_batch)
-            points, scores = self._run(tensor)
-            confidence[rows] = scores[: len(rows), :joints]
-            for row, network_xy, affine in zip(rows, points, affines, strict=False):
-                xy[row] = to_image(network_xy[:joints].astype(np.float64), affine)
+        try:
+            for start in range(0, len(usable), self._batch):
+                rows = usable[start : start + self._batch]
+                xy[rows], confidence[rows] = self._crops(image, boxes.xyxy[rows], joints)
+        except NotFiniteError as error:
+            self.answers.note_loss(error)
+            xy[:], confidence[:] = np.nan, 0
+        else:
+            if len(usable):
+                self.answers.note(float(confidence.max()))
         return _poses(xy, confidence, self.skeleton)
+
+    def _crops(
+        self, image: Image, xyxy: FloatArray, joints: int
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Keypoints in the picture (N, joints, 2) and their scores for boxes (N, 4)."""
+        tensor, affines = self._input.crops(image, xyxy, batch=self._fixed_batch)
+        points, scores = self._run(tensor)
+        people = len(xyxy)
+        in_network = points[:people, :joints].astype(np.float64)
+        xy = np.stack([to_image(p, a) for p, a in zip(in_network, affines, strict=True)])
+        return xy, scores[:people, :joints].astype(np.float64)
 
     def _run(self, tensor: Array) -> tuple[Array, Array]:
         """Keypoints in the network's input and scores of a tensor of crops."""
@@ -103,11 +136,17 @@ class OnnxOneStage(WholePictureModel):
         self.skeleton = _skeleton(description)
 
     def find(self, image: Image) -> tuple[Boxes, Poses2D]:
-        found, image_from_network = self.find_in_network(image)
+        joints = len(skeletons.get(self.skeleton))
+        try:
+            found, image_from_network = self.find_in_network(image)
+        except NotFiniteError as error:
+            self.answers.note_loss(error)
+            return Boxes(np.empty((0, 4)), np.empty(0)), _poses(
+                np.empty((0, joints, 2)), np.empty((0, joints)), self.skeleton
+            )
         assert found.xy is not None and found.confidence is not None
         boxes = boxes_in_image(found, image_from_network, image)
         kept = has_area(boxes)
-        joints = len(skeletons.get(self.skeleton))
         xy = to_image(found.xy[kept, :joints].astype(np.float64), image_from_network)
         confidence = found.confidence[kept, :joints].astype(np.float64)
         return (
@@ -117,11 +156,16 @@ class OnnxOneStage(WholePictureModel):
 
 
 def load_pose_model(
-    path: Path, *, manifest: Path | None = None, threads: int | None = None
+    path: Path,
+    *,
+    manifest: Path | None = None,
+    threads: int | None = None,
+    min_confidence: float | None = None,
 ) -> KeypointEstimator | OneStageEstimator:
     """A pose model from an ONNX file or its manifest (.toml).
 
-    Raises ModelError for a model that cannot be loaded, is not recognised, or is a detector.
+    min_confidence: the score from which a one-stage model's box is a person. Raises ModelError for
+    a model that cannot be loaded, is not recognised, or is a detector.
     """
     session, description = open_model(Path(path), manifest=manifest, threads=threads)
     if description.kind == "detector":
@@ -130,7 +174,7 @@ def load_pose_model(
             f"give it as the detector instead"
         )
     if description.kind == "one-stage":
-        return OnnxOneStage(session, description)
+        return OnnxOneStage(session, with_threshold(description, min_confidence))
     return OnnxKeypoints(session, description)
 
 
@@ -143,7 +187,7 @@ def _poses(
     xy: npt.NDArray[np.float64], confidence: npt.NDArray[np.float64], skeleton: str
 ) -> Poses2D:
     """Poses with the model's scores in 0..1; a keypoint with no score at all is missing."""
-    missing = (confidence <= 0) | ~np.isfinite(xy).all(axis=-1)
+    missing = ~(confidence > 0) | ~np.isfinite(confidence) | ~np.isfinite(xy).all(axis=-1)
     return Poses2D(
         np.where(missing[..., None], np.nan, xy),
         np.where(missing, 0, np.clip(confidence, 0, 1)),

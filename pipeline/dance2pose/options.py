@@ -143,12 +143,16 @@ class Settings:
     """ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector."""
     person: str = "auto"
     """Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N."""
+    min_confidence: float | None = None
+    """Score from 0 to 1 from which people and keypoints count; as is usual for each model if not
+    given."""
     video: VideoOptions = field(default_factory=VideoOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
 
     def __post_init__(self) -> None:
         parse_person(self.person)
+        check_within("min_confidence", self.min_confidence, (0, 1), "a score")
 
     @classmethod
     def of(cls, **options: Any) -> Self:

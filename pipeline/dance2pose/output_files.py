@@ -5,15 +5,18 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
 from dance2pose.errors import OutputError, OutputExistsError
+from dance2pose.leftovers import sweep_once, temporary_name
 
 
 def check_output(path: Path, *, overwrite: bool) -> None:
-    """Raise OutputError unless `path` can be written, before any work is spent on it."""
+    """Raise OutputError unless `path` can be written, before any work is spent on it.
+
+    What killed runs left in its folder is removed on the way.
+    """
     folder = path.parent
     if not folder.is_dir():
         raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
@@ -21,6 +24,7 @@ def check_output(path: Path, *, overwrite: bool) -> None:
         raise OutputError(f"{path}: is a folder, expected the name of a file to write")
     if path.exists() and not overwrite:
         raise OutputExistsError(f"{path}: exists already; give --overwrite or another name with -o")
+    sweep_once(folder)
     probe = temporary_name(path)
     try:
         probe.touch()
@@ -49,11 +53,6 @@ def written_whole(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
         raise output_error(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def temporary_name(path: Path) -> Path:
-    """A hidden name in the same folder with the same suffix, short enough for any name length."""
-    return path.with_name(f".{path.name[:60]}.{secrets.token_hex(4)}.part{path.suffix[:16]}")
 
 
 def output_error(path: Path, error: OSError) -> OutputError:

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dance2pose.errors import OutputError, OutputExistsError, UsageError
-from dance2pose.output_files import check_output, output_error, temporary_name
+from dance2pose.leftovers import aside_name, temporary_name
+from dance2pose.output_files import check_output, output_error
 
 # A file that this tool wrote names it near its start or its end.
 _MARK = b"dance2pose"
@@ -218,7 +219,7 @@ class Staged:
                     raise OutputExistsError(f"{final}: appeared while it was being made; kept")
             for path in sorted(replaced):
                 if os.path.lexists(path):
-                    aside[path] = temporary_name(path)
+                    aside[path] = aside_name(path)
                     path.rename(aside[path])
             for final, temporary in self._temporary.items():
                 temporary.rename(final)

@@ -10,10 +10,14 @@ from dataclasses import dataclass
 from dance2pose.detection import Detector, load_detector
 from dance2pose.errors import UsageError
 from dance2pose.keypoints import KeypointEstimator, OneStageEstimator, load_pose_model
+from dance2pose.onnx_models.answers import Answers
 from dance2pose.onnx_models.inference import default_threads
 from dance2pose.onnx_models.recognition import ModelDescription
 from dance2pose.options import Settings
 from dance2pose.poses import Boxes, Frame, Image, Poses2D
+
+# What a person without models is told to fetch: names of models/registry.toml.
+DETECTOR_TO_PULL, POSE_TO_PULL = "yolox-tiny", "rtmpose-m"
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,17 @@ class PoseModels:
         loaded = (self.detector, self.estimator)
         return tuple(model.description for model in loaded if model is not None)
 
+    @property
+    def accounts(self) -> tuple[Answers, ...]:
+        """What each model answered so far."""
+        models = (self.detector, self.estimator)
+        return tuple(model.answers for model in models if model is not None)
+
+    def describe_reading(self) -> str:
+        """How each model was read and the best score it gave, for a person to judge by."""
+        models = (self.detector, self.estimator)
+        return "; ".join(model.describe_reading() for model in models if model is not None)
+
     def find(self, image: Image) -> tuple[Boxes, Poses2D]:
         """The people of one picture, as boxes and keypoints in the same order."""
         if isinstance(self.estimator, OneStageEstimator):
@@ -51,10 +66,14 @@ def load_models(settings: Settings) -> PoseModels:
     if settings.pose is None:
         raise UsageError(
             "no keypoint model is named; name ONNX models with --detector D.onnx --pose P.onnx\n"
-            "or in the settings file; `dance2pose models pull` fetches well-known ones,\n"
-            "and `dance2pose demo` shows a result without any"
+            "or in the settings file. To fetch a well-known pair and use it:\n"
+            f"  dance2pose models pull {DETECTOR_TO_PULL}\n"
+            f"  dance2pose models pull {POSE_TO_PULL}\n"
+            f"  dance2pose VIDEO --detector {DETECTOR_TO_PULL} --pose {POSE_TO_PULL}\n"
+            "`dance2pose demo` shows a result without any"
         )
-    estimator = load_pose_model(settings.pose, threads=1)
+    least = settings.min_confidence
+    estimator = load_pose_model(settings.pose, threads=1, min_confidence=least)
     if isinstance(estimator, OneStageEstimator):
         return PoseModels(None, estimator)
     if settings.detector is None:
@@ -62,7 +81,7 @@ def load_models(settings: Settings) -> PoseModels:
             f"{settings.pose}: estimates keypoints inside boxes; name a person detector as well "
             "with --detector D.onnx"
         )
-    return PoseModels(load_detector(settings.detector, threads=1), estimator)
+    return PoseModels(load_detector(settings.detector, threads=1, min_confidence=least), estimator)
 
 
 def find_ahead(

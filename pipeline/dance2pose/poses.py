@@ -20,6 +20,7 @@ from dance2pose.errors import DataError
 FloatArray = npt.NDArray[np.floating[Any]]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
+Inner = tuple[int, int, int, int]
 Image = npt.NDArray[np.uint8]
 
 Unit = Literal["body heights", "metres"]
@@ -117,11 +118,14 @@ class Frame:
     index: number of the frame in the file, counted in presentation order from 0.
     time_s: presentation timestamp in seconds from the start of the video.
     image: (H, W, 3) uint8 BGR, upright, square pixels, progressive.
+    inner: (left, top, width, height) px of the picture in the image where it has black borders,
+    because the recording changed its format; None where it fills it.
     """
 
     index: int
     time_s: float
     image: Image
+    inner: Inner | None = None
 
     def __post_init__(self) -> None:
         _require_shape("image", self.image, (None, None, 3))

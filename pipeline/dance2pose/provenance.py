@@ -33,7 +33,6 @@ _LIBRARIES = (
     "opencv-python-headless",
     "av",
     "onnxruntime",
-    "scenedetect-headless",
     "rerun-sdk",
 )
 
@@ -226,6 +225,8 @@ def describe_video(info: VideoInfo, *, frames_read: int) -> SourceFile:
         "duration s": "unknown" if info.duration_s is None else float(info.duration_s),
         "frame count": "unknown" if info.frame_count is None else info.frame_count,
         "frames processed": frames_read,
+        "video track": info.track,
+        "starts after the file's start s": info.file_offset_s,
         "width": info.width,
         "height": info.height,
         "container": info.container,

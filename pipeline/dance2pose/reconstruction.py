@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from dance2pose import smoothing
 from dance2pose.errors import VideoError
 from dance2pose.findings import find
 from dance2pose.lifting.lift import describe_camera, lift_all
+from dance2pose.onnx_models.answers import losses
 from dance2pose.options import OutputOptions, Settings, combined
 from dance2pose.people import PoseModels, find_ahead, load_models
 from dance2pose.poses import Dancer, Frame, Timeline, Track2D
@@ -25,7 +26,7 @@ from dance2pose.provenance import describe_run, file_sha256, identity_of
 from dance2pose.results import Result, Shot, Source
 from dance2pose.saving import open_recording, plan_run, save, write_beside
 from dance2pose.shots import ShotDetector
-from dance2pose.tracking.tracker import Tracker
+from dance2pose.tracking.tracker import Tracker, TrackingSettings
 from dance2pose.video import FrameReader, open_video
 
 FrameListener = Callable[[Frame], None]
@@ -225,12 +226,14 @@ def _analyse(
     on_frame: FrameListener | None,
     progress: Progress,
 ) -> Reconstruction:
-    followed = _follow(frames, models, on_frame, progress)
+    followed = _follow(frames, models, settings, on_frame, progress)
+    lost = losses(models.accounts, first_time_s=float(followed.timeline.time_s[0]))
     tracks = followed.tracker.finish(settings.person)
     if not tracks:
         raise VideoError(
             f"{frames.info.path}: no person was found in any of {frames.frames_read} frames; "
-            "nothing was written"
+            f"nothing was written. {models.describe_reading()}. "
+            "--min-confidence counts less sure ones too"
         )
     progress.say(f"lifting {len(tracks)} dancer{'s' if len(tracks) > 1 else ''} to 3D")
     dancers = to_3d(tracks, settings)
@@ -238,7 +241,7 @@ def _analyse(
         frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
     )
     everyone = followed.tracker.finish("all")
-    findings = (*frames.warnings, *find(dancers, everyone, source.timeline))
+    findings = (*frames.warnings, *lost, *find(dancers, everyone, source.timeline))
     provenance = describe_run(
         source.info,
         models,
@@ -266,12 +269,16 @@ class _Followed:
 def _follow(
     frames: FrameReader,
     models: PoseModels,
+    settings: Settings,
     on_frame: FrameListener | None,
     progress: Progress,
 ) -> _Followed:
     """Read the video once: people and keypoints of every frame, joined into tracks."""
     shots = ShotDetector()
-    tracker = Tracker(models.skeleton, frames.info.size)
+    tracking = TrackingSettings()
+    if settings.min_confidence is not None:
+        tracking = replace(tracking, min_confidence=settings.min_confidence)
+    tracker = Tracker(models.skeleton, frames.info.size, tracking)
     seen: list[tuple[int, float]] = []
     starts: list[int] = []
     found = find_ahead(frames, models)

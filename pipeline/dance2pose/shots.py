@@ -1,10 +1,10 @@
 """Where one shot of an edited video ends and the next begins.
 
-PySceneDetect's content detector compares two pictures; what it is given to compare decides what
-counts as a change. On a stage the light changes faster than anything else, so the pictures are
-made free of it first: small, grey, every neighbourhood brought to the same mean and contrast. A
-camera that follows a dancer moves the whole picture, so the two are laid over each other first.
-What then still differs is another scene.
+Two pictures are of two scenes if they differ much on average. On a stage the light changes faster
+than anything else, so they are made free of it first: small, grey, every neighbourhood brought to
+the same mean and contrast. A camera that follows a dancer moves the whole picture, so the two are
+laid over each other first. A recording that changes its format shows the same scene between black
+borders, so only what is inside is compared. What then still differs is another scene.
 
 The decision is made at once, frame by frame: a dissolve is not seen as a cut, nor is a step between
 two nearly equal views of the same room.
@@ -12,12 +12,10 @@ two nearly equal views of the same room.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 
-from dance2pose.poses import Frame, Image
+from dance2pose.poses import Frame, Image, Inner
 
 # Pictures are compared at this size, px. Larger gains nothing and follows fast limbs more.
 SIZE = 64
@@ -47,7 +45,8 @@ class ShotDetector:
     """Tells, frame by frame, where a new shot begins."""
 
     def __init__(self) -> None:
-        self._last: Image | None = None
+        self._last: Frame | None = None
+        self._prepared: Image | None = None
 
     def is_cut(self, frame: Frame) -> bool:
         """Whether `frame` is the first of a new shot. Give it every frame, in order.
@@ -55,15 +54,37 @@ class ShotDetector:
         A frame without structure (black, or white with a flash) is never a cut; the next is
         compared with the last that had some. The first frame of a video is not a cut.
         """
-        picture = prepare(frame.image)
+        picture = prepare(frame.image, frame.inner)
         if np.abs(picture.astype(np.int16) - 128).mean() < LEAST_STRUCTURE:
             return False
-        last, self._last = self._last, picture
-        return last is not None and differ(*align(last, picture))
+        last, before = self._last, self._prepared
+        self._last, self._prepared = frame, picture
+        if last is None or before is None or not differ(*align(before, picture)):
+            return False
+        return last.inner == frame.inner or _common_parts_differ(last, frame)
 
 
-def prepare(image: Image) -> Image:
-    """(H, W, 3) BGR -> (SIZE, SIZE) uint8, grey, independent of brightness and contrast."""
+def _common_parts_differ(last: Frame, frame: Frame) -> bool:
+    """Whether two frames of different formats differ also where both have a picture: the wider
+    may show more of one scene."""
+    if last.image.shape != frame.image.shape:
+        return True
+    height, width = frame.image.shape[:2]
+    inner = [f.inner or (0, 0, width, height) for f in (last, frame)]
+    left, top = (max(i[side] for i in inner) for side in (0, 1))
+    right, bottom = (min(i[side] + i[side + 2] for i in inner) for side in (0, 1))
+    common = left, top, right - left, bottom - top
+    return differ(*align(prepare(last.image, common), prepare(frame.image, common)))
+
+
+def prepare(image: Image, inner: Inner | None = None) -> Image:
+    """(H, W, 3) BGR -> (SIZE, SIZE) uint8, grey, independent of brightness and contrast.
+
+    inner: (left, top, width, height) px of the picture within black borders.
+    """
+    if inner is not None:
+        left, top, width, height = inner
+        image = image[top : top + height, left : left + width]
     step = max(1, min(image.shape[:2]) // (2 * SIZE))  # averaging every pixel is dear
     small = cv2.resize(image[::step, ::step], (SIZE, SIZE), interpolation=cv2.INTER_AREA)
     grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
@@ -98,14 +119,5 @@ def _distance(one: Image, other: Image) -> float:
 
 
 def differ(before: Image, after: Image) -> bool:
-    """Whether two grey pictures show two scenes, as PySceneDetect's content detector judges."""
-    # Imported late: PySceneDetect takes a quarter of a second to load.
-    from scenedetect.common import FrameTimecode
-    from scenedetect.detectors import ContentDetector
-
-    detector: Any = ContentDetector(threshold=THRESHOLD, min_scene_len=0, luma_only=True)
-    cuts: list[Any] = []
-    for number, picture in enumerate((before, after)):
-        colour = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_GRAY2BGR)
-        cuts = detector.process_frame(FrameTimecode(number, 25.0), colour)
-    return bool(cuts)
+    """Whether two prepared pictures show two scenes."""
+    return _distance(before, after) >= THRESHOLD

@@ -127,11 +127,14 @@ def pull(name: str, *, quiet: bool = False) -> None:
     from dance2pose.errors import UsageError
     from dance2pose.onnx_models.downloading import pull as pull_model
     from dance2pose.onnx_models.registry import registry
+    from dance2pose.options import nearest
     from dance2pose.progress import for_terminal
 
     known = registry()
     if name not in known:
-        raise UsageError(f"no model is called {name!r}; known: {', '.join(known)}")
+        raise UsageError(
+            f"no model is called {name!r}{nearest(name, known)} (known: {', '.join(known)})"
+        )
     pulled = pull_model(known[name], progress=for_terminal(quiet=quiet))
     print(f"{pulled.path}")
     print(f"sha256 {pulled.sha256} of the model; {known[name].license}, from {known[name].url}")

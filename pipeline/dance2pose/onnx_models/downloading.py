@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import http.client
+import queue
 import ssl
+import threading
 import time
 import urllib.error
 import urllib.parse
@@ -34,6 +36,12 @@ from dance2pose.progress import Progress, Silent
 CHUNK_BYTES = 1024**2
 LARGEST_MODEL_BYTES = 2 * 1024**3
 TIMEOUT_S = 30.0
+# The whole of an answer's beginning must be there by then, and from then on no fewer bytes than
+# these in every window: a server that drips would otherwise hold a run for ever.
+ANSWER_S = 60.0
+WINDOW_S, LEAST_BYTES = 60.0, 64 * 1024
+# The list of files in a zip; that of a model's archive has a few kilobytes.
+LARGEST_ZIP_LIST_BYTES = 16 * 1024**2
 ATTEMPTS = 5  # in a row that bring nothing new
 PAUSE_S = 1.0
 
@@ -110,6 +118,7 @@ def _install(model: RegisteredModel, download: Path) -> str:
 
 def _take_member(archive: Path, name: str, target: Path, url: str) -> None:
     """Copy the one file called `name` out of a zip; its folders there mean nothing here."""
+    _check_zip_list(archive, url)
     try:
         with zipfile.ZipFile(archive) as content:
             members = content.infolist()
@@ -135,6 +144,20 @@ def _take_member(archive: Path, name: str, target: Path, url: str) -> None:
         raise ModelError(f"{url}: what was downloaded is not a sound zip: {error}") from error
 
 
+def _check_zip_list(archive: Path, url: str) -> None:
+    """Refuse a zip whose list of files would take gigabytes to read, before it is read.
+
+    The zip's last record (APPNOTE.TXT 4.3.16) tells the list's size at byte 12.
+    """
+    with archive.open("rb") as file:
+        file.seek(max(0, archive.stat().st_size - 22 - 65535))
+        end = file.read()
+    place = end.rfind(b"PK\5\6")
+    size = int.from_bytes(end[place + 12 : place + 16], "little") if place >= 0 else 0
+    if size > LARGEST_ZIP_LIST_BYTES:
+        raise ModelError(f"{url}: the archive's list of files has {size} bytes, too many")
+
+
 def _copy(source: IO[bytes], target: IO[bytes], url: str) -> None:
     copied = 0
     while chunk := source.read(CHUNK_BYTES):
@@ -158,6 +181,7 @@ def _download(url: str, partial: Path, progress: Progress) -> None:
     while in_vain < ATTEMPTS:
         time.sleep(in_vain * PAUSE_S)
         failure = "the connection was cut"
+        drips = False
         try:
             if _fetch(url, partial, progress):
                 return
@@ -167,15 +191,21 @@ def _download(url: str, partial: Path, progress: Progress) -> None:
                 raise ModelError(f"{url}: {failure}") from error
         except urllib.error.URLError as error:
             failure = str(error.reason)
+        except TooSlowError as error:
+            failure, drips = str(error), True
         except (http.client.HTTPException, TimeoutError, ConnectionError, ssl.SSLError) as error:
             failure = str(error) or failure
         size = partial.stat().st_size if partial.exists() else 0
-        in_vain = 0 if size > most else in_vain + 1
+        in_vain = 0 if size > most and not drips else in_vain + 1
         most = max(most, size)
     raise ModelError(
         f"{url}: cannot be downloaded: {failure}, {ATTEMPTS} times; {size} bytes are kept, "
         f"and the same command goes on from there"
     )
+
+
+class TooSlowError(Exception):
+    """The server sends so little that the file would never be there."""
 
 
 _WORTH_A_RETRY = frozenset({408, 429, 500, 502, 503, 504})
@@ -201,6 +231,8 @@ class _SafeRedirects(urllib.request.HTTPRedirectHandler):
         newurl: str,
     ) -> urllib.request.Request | None:
         _check_address(newurl)
+        if req.type == "https" and not newurl.lower().startswith("https:"):
+            raise ModelError(f"{req.full_url}: leads to {newurl}, which is not https")
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
@@ -215,7 +247,7 @@ def _fetch(url: str, partial: Path, progress: Progress) -> bool:
         request.add_header("If-Range", validator)
     opener = urllib.request.build_opener(_SafeRedirects)
     try:
-        response = opener.open(request, timeout=TIMEOUT_S)
+        response = _answer(opener, request)
     except urllib.error.HTTPError as error:
         if error.code != _RANGE_NOT_SATISFIABLE:
             raise
@@ -235,6 +267,28 @@ def _fetch(url: str, partial: Path, progress: Progress) -> bool:
     return left is None or received == left
 
 
+def _answer(
+    opener: urllib.request.OpenerDirector, request: urllib.request.Request
+) -> http.client.HTTPResponse:
+    """The beginning of an answer. Raises TooSlowError where it is not there in time."""
+    came: queue.SimpleQueue[http.client.HTTPResponse | BaseException] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            came.put(opener.open(request, timeout=TIMEOUT_S))
+        except BaseException as error:  # handed to the thread that waits
+            came.put(error)
+
+    threading.Thread(target=ask, name="download", daemon=True).start()
+    try:
+        answer = came.get(timeout=ANSWER_S)
+    except queue.Empty:
+        raise TooSlowError(f"the server had not answered after {ANSWER_S:g} s") from None
+    if isinstance(answer, BaseException):
+        raise answer
+    return answer
+
+
 def _receive(
     response: http.client.HTTPResponse,
     file: IO[bytes],
@@ -245,14 +299,19 @@ def _receive(
     """Write what comes; returns the number of bytes."""
 
     def chunks() -> Iterator[bytes]:
-        while True:
-            try:
-                chunk = response.read(CHUNK_BYTES)
-            except http.client.IncompleteRead as error:
-                chunk = error.partial
-            if not chunk:
-                return
-            yield chunk
+        began, in_window, gathered = time.monotonic(), 0, bytearray()
+        while piece := response.read1(CHUNK_BYTES):
+            gathered += piece
+            in_window += len(piece)
+            if time.monotonic() - began > WINDOW_S:
+                if in_window < LEAST_BYTES:
+                    raise TooSlowError(f"the server sent {in_window} bytes in {WINDOW_S:g} s")
+                began, in_window = time.monotonic(), 0
+            if len(gathered) >= CHUNK_BYTES:
+                yield bytes(gathered)
+                gathered.clear()
+        if gathered:
+            yield bytes(gathered)
 
     received = 0
     total = None if left is None else -(-left // CHUNK_BYTES)

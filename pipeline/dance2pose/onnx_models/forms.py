@@ -40,11 +40,20 @@ class Graph:
     """A loaded graph as the forms see it: shapes with their open lengths found by running it.
 
     width, height: of the input, px. `probe` runs the graph once on a flat grey picture.
+    form_is_stated: by the manifest, so that values need not tell it.
     """
 
     def __init__(
-        self, session: Session, image: TensorInfo, layout: Layout, width: int, height: int
+        self,
+        session: Session,
+        image: TensorInfo,
+        layout: Layout,
+        width: int,
+        height: int,
+        *,
+        form_is_stated: bool = False,
     ) -> None:
+        self.form_is_stated = form_is_stated
         self.session = session
         self.image = image
         self.layout = layout
@@ -72,7 +81,23 @@ class Graph:
         picture = np.full((batch, *shape), 1 if self.image.dtype.kind == "f" else 114)
         feeds = {self.image.name: picture.astype(self.image.dtype)}
         feeds |= extra_feeds(self.session, self.width, self.height)
-        return self.session.run(feeds, [tensor.name for tensor in self.session.outputs])
+        names = [tensor.name for tensor in self.session.outputs]
+        return self.session.run(feeds, names, may_hold_nan=True)
+
+    def values(self, tensor: TensorInfo) -> Array | None:
+        """What the probe found of an output for its first picture, to judge it by.
+
+        None where there is nothing to judge: the manifest states the form and is believed, or the
+        model answers a grey picture with NaN.
+        """
+        if self.form_is_stated:
+            return None
+        index = next(i for i, output in enumerate(self.outputs) if output.name == tensor.name)
+        values = self.probe[index]
+        if values.ndim == 3:
+            values = values[0]
+        is_nan = values.dtype.kind == "f" and np.isnan(values).any()
+        return None if is_nan else values
 
     def named(self, *names: str) -> list[TensorInfo] | None:
         """The outputs of these names in this order, None where one is missing."""
@@ -158,13 +183,19 @@ class Detections:
     """People in the network's input. xyxy: (N, 4), measured from the edge of its first pixel.
 
     score: (N,). xy: (N, K, 2) keypoints at pixel centres, confidence: (N, K); both None for a
-    detector.
+    detector. best_score: of any person, where `score` holds the likely ones alone.
     """
 
     xyxy: FloatMatrix
     score: FloatMatrix
     xy: FloatMatrix | None = None
     confidence: FloatMatrix | None = None
+    best_score: float | None = None
+
+    @property
+    def best(self) -> float:
+        """The best score of any person, above the threshold or not; 0 without any."""
+        return float(self.score.max(initial=0) if self.best_score is None else self.best_score)
 
     def select(self, rows: npt.NDArray[Any]) -> Detections:
         return Detections(
@@ -172,6 +203,7 @@ class Detections:
             self.score[rows],
             None if self.xy is None else self.xy[rows],
             None if self.confidence is None else self.confidence[rows],
+            self.best,
         )
 
 
@@ -194,8 +226,9 @@ class OutputForm:
 
 def strongest(found: Detections, manifest: Manifest, *, has_nms: bool) -> Detections:
     """The people above the threshold, one box each, the surest first."""
-    usable = (found.score >= manifest.score_threshold) & np.isfinite(found.xyxy).all(axis=1)
-    found = found.select(np.flatnonzero(usable))
+    sure = found.score >= manifest.score_threshold
+    finite = np.isfinite(found.xyxy).all(axis=1) & np.isfinite(found.score)
+    found = found.select(np.flatnonzero(sure & finite))
     found = found.select(np.argsort(-found.score, kind="stable"))
     if has_nms or len(found.score) < 2:
         return found
@@ -205,6 +238,38 @@ def strongest(found: Detections, manifest: Manifest, *, has_nms: bool) -> Detect
         corner_and_size.tolist(), found.score.tolist(), 0.0, manifest.nms_threshold
     )
     return found.select(np.sort(np.asarray(kept, np.int64).reshape(-1)))
+
+
+def only_output(graph: Graph, dimensions: int) -> TensorInfo | None:
+    """The one output of a graph if it has so many axes, else None."""
+    tensor = graph.outputs[0]
+    return tensor if len(graph.outputs) == 1 and len(tensor.shape) == dimensions else None
+
+
+def person_scores(values: Array, manifest: Manifest) -> Array:
+    """(N,) scores of a person from what a head says of every class, (N, classes)."""
+    person = values[:, manifest.person_class]
+    if manifest.score_activation == "none":
+        return person
+    wide = values.astype(np.float64)
+    if manifest.score_activation == "sigmoid":
+        return np.asarray(1 / (1 + np.exp(-np.clip(wide[:, manifest.person_class], -60, 60))))
+    share = np.exp(wide - wide.max(axis=1, keepdims=True))
+    return np.asarray(share[:, manifest.person_class] / share.sum(axis=1))
+
+
+def in_pixels(boxes: Array, manifest: Manifest) -> FloatMatrix:
+    """Boxes (N, 4) of any format and unit as xyxy in pixels of the network's input."""
+    if manifest.box_format == "yxyx":
+        boxes = boxes[:, [1, 0, 3, 2]]
+    elif manifest.box_format == "cxcywh":
+        boxes = xyxy_from_centre(boxes)
+    elif manifest.box_format == "xywh":
+        boxes = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
+    if manifest.box_unit == "fractions":
+        width, height = manifest.input_width, manifest.input_height
+        boxes = boxes * np.array([width, height, width, height], np.float32)
+    return boxes.astype(np.float32)
 
 
 def xyxy_from_centre(boxes: Array) -> FloatMatrix:

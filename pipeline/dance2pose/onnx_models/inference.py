@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.errors import ModelError
+from dance2pose.onnx_models import run_limits
 
 Array = npt.NDArray[Any]
 
@@ -35,6 +36,10 @@ _DTYPES: dict[str, type[np.generic]] = {
     "tensor(int64)": np.int64,
     "tensor(bool)": np.bool_,
 }
+
+
+class NotFiniteError(ModelError):
+    """A model answered one picture with NaN; the next may be well."""
 
 
 @dataclass(frozen=True)
@@ -62,23 +67,24 @@ class Session:
         for tensor in (*self.inputs, *self.outputs):
             _check_size(path, tensor)
 
-    def run(self, feeds: Mapping[str, Array], outputs: Sequence[str]) -> list[Array]:
+    def run(
+        self, feeds: Mapping[str, Array], outputs: Sequence[str], *, may_hold_nan: bool = False
+    ) -> list[Array]:
         """The named outputs for the named inputs.
 
-        Raises ModelError where ONNX Runtime fails (out of memory, shapes that do not fit) and
-        where an output holds NaN.
+        Raises ModelError where ONNX Runtime fails (out of memory, out of time, shapes that do not
+        fit) and NotFiniteError where an output holds NaN, unless it may.
         """
-        try:
-            results: list[Array] = self._native.run(list(outputs), dict(feeds))
-        except Exception as error:  # ONNX Runtime's own classes share no base but Exception
-            text = _brief(error)
-            if "allocate memory" in text or "bad_alloc" in text or isinstance(error, MemoryError):
-                text = "it asks for more memory than there is"
-            raise ModelError(f"{self.path}: the model failed: {text}") from error
-        for name, values in zip(outputs, results, strict=True):
+        with run_limits.limited_run() as limits:
+            try:
+                results: list[Array] = self._native.run(list(outputs), dict(feeds), limits)
+            except Exception as error:  # ONNX Runtime's own classes share no base but Exception
+                reason = _why_failed(error, stopped=limits.terminate)
+                raise ModelError(f"{self.path}: the model failed: {reason}") from error
+        for name, values in zip(outputs, [] if may_hold_nan else results, strict=not may_hold_nan):
             # The minimum is NaN where any value is, and needs no second array.
             if values.dtype.kind == "f" and values.size and np.isnan(values.min()):
-                raise ModelError(
+                raise NotFiniteError(
                     f"{self.path}: output {name} holds NaN; the model is damaged or its manifest "
                     f"(mean, std, input type) does not fit it"
                 )
@@ -112,6 +118,7 @@ def open_session(path: Path, *, threads: int | None = None) -> Session:
     options.intra_op_num_threads = threads or default_threads()
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    run_limits.limit_memory(options)
     options.log_severity_level = 4  # failures arrive as exceptions; nothing is printed besides
     try:
         native = onnxruntime.InferenceSession(
@@ -146,6 +153,11 @@ def _why_not_loaded(path: Path, error: Exception) -> str:
     kind = type(error).__name__
     if kind == "InvalidProtobuf":
         return f"{path}: is not an ONNX model, or is truncated; get the file again"
+    if "escapes" in lower or "absolute path not allowed" in lower:
+        return (
+            f"{path}: names a file outside of its own folder for its weights; such a model is not "
+            f"opened ({text})"
+        )
     if "external" in lower or "model_path must not be empty" in lower:
         return (
             f"{path}: the weights lie in a separate file that is missing or cannot be used; "
@@ -156,6 +168,18 @@ def _why_not_loaded(path: Path, error: Exception) -> str:
     if "opset" in lower or "ir_version" in lower or "ir version" in lower:
         return f"{path}: made for a newer ONNX than this ONNX Runtime knows: {text}"
     return f"{path}: ONNX Runtime cannot load it: {text}"
+
+
+def _why_failed(error: Exception, *, stopped: bool) -> str:
+    """Why a run ended early, from what ONNX Runtime says. stopped: it was told to end."""
+    if stopped:
+        return f"it was stopped after {run_limits.LONGEST_RUN_S:g} s, as its graph may never end"
+    text = _brief(error)
+    said = str(error)
+    short_of_memory = ("allocate memory", "bad_alloc", "bfc_arena", "Available memory")
+    if isinstance(error, MemoryError) or any(words in said for words in short_of_memory):
+        return "it asks for more memory than there is for models"
+    return text
 
 
 def _brief(error: Exception) -> str:

@@ -27,6 +27,7 @@ Resize = Literal["letterbox", "stretch", "crop"]
 PaddingPosition = Literal["top-left", "centre"]
 BoxFormat = Literal["xyxy", "cxcywh", "xywh", "yxyx"]
 BoxUnit = Literal["pixels", "fractions"]
+ScoreActivation = Literal["none", "sigmoid", "softmax"]
 Refinement = Literal["none", "quarter", "dark"]
 HeatmapAlignment = Literal["stride", "corners"]
 Triple = tuple[float, float, float]
@@ -50,6 +51,7 @@ class Manifest:
     score_threshold: boxes below it are dropped. nms_threshold: intersection over union above
     which the weaker of two boxes is dropped, where the graph has no NMS inside.
     box_format, box_unit: of forms that leave it open (boxes-scores-classes).
+    score_activation: what makes scores of a head's values: none (they are), sigmoid or softmax.
     skeleton: what the keypoints are, a name of `dance2pose.skeleton`.
     box_scale: a person's box is widened by this factor before the crop.
     refinement: of a heatmap's maximum: none, quarter (a quarter of a heatmap pixel towards the
@@ -78,6 +80,7 @@ class Manifest:
     nms_threshold: float = 0.45
     box_format: BoxFormat = "xyxy"
     box_unit: BoxUnit = "pixels"
+    score_activation: ScoreActivation = "none"
     skeleton: str | None = None
     box_scale: float = 1.25
     refinement: Refinement = "dark"
@@ -104,6 +107,7 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "padding_position": get_args(PaddingPosition),
     "box_format": get_args(BoxFormat),
     "box_unit": get_args(BoxUnit),
+    "score_activation": get_args(ScoreActivation),
     "refinement": get_args(Refinement),
     "heatmap_alignment": get_args(HeatmapAlignment),
 }
@@ -127,11 +131,21 @@ _KINDS_OF_KEY: dict[str, frozenset[str]] = {
     "box_scale": frozenset({"pose"}),
     "max_batch": frozenset({"pose"}),
 }
-_BOXES_APART = frozenset({"boxes-scores", "boxes-scores-classes"})
+_BOXES_APART = frozenset({"boxes-scores", "boxes-scores-classes", "queries"})
+_ROWS = frozenset(
+    {
+        "rows-xyxy-score-class",
+        "rows-xyxy-class-score",
+        "rows-class-score-xyxy",
+        "cells-xyxy-score-class",
+    }
+)
+_CELLS = frozenset({"yolox", "yolov5", "yolov8", "yolov8-pose", "cells-xyxy-score-class"})
 _FORMS_OF_KEY: dict[str, frozenset[str]] = {
-    "nms_threshold": frozenset({"yolox", "yolov5", "yolov8", "yolov8-pose", "boxes-scores"}),
-    "box_format": _BOXES_APART,
-    "box_unit": _BOXES_APART,
+    "nms_threshold": _CELLS | {"boxes-scores"},
+    "box_format": _BOXES_APART | _ROWS,
+    "box_unit": _BOXES_APART | _ROWS | {"yolov5", "yolov8"},
+    "score_activation": frozenset({"boxes-scores", "queries"}),
     "refinement": frozenset({"heatmap"}),
     "heatmap_alignment": frozenset({"heatmap"}),
 }

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from dance2pose.onnx_models.detector_forms import ULTRALYTICS_INPUT, YOLOX_INPUT, yolo_strides
+from dance2pose.onnx_models import evidence
 from dance2pose.onnx_models.forms import (
     SKELETONS_BY_COUNT,
     Detections,
@@ -16,6 +18,8 @@ from dance2pose.onnx_models.forms import (
 )
 from dance2pose.onnx_models.inference import Array
 from dance2pose.onnx_models.manifest import Manifest
+from dance2pose.onnx_models.presets import ULTRALYTICS_INPUT, YOLOX_INPUT
+from dance2pose.onnx_models.yolo_forms import ULTRALYTICS_ASSUMED, is_grid, yolo_strides
 
 # RTMO -----------------------------------------------------------------------------------------
 
@@ -44,7 +48,6 @@ def _decode_rtmo(outputs: Outputs, manifest: Manifest) -> Detections:
 # YOLOv8-pose / YOLO11-pose --------------------------------------------------------------------
 
 _ULTRALYTICS_POSE = {**ULTRALYTICS_INPUT, "score_threshold": 0.3, "nms_threshold": 0.6}
-_ULTRALYTICS_ASSUMED = ["RGB 0-1, letterboxed to the centre, as Ultralytics trains"]
 
 
 def _keypoint_count(graph: Graph, values: int) -> int | None:
@@ -56,12 +59,21 @@ def _keypoint_count(graph: Graph, values: int) -> int | None:
     return keypoints if rest == 0 and keypoints in SKELETONS_BY_COUNT else None
 
 
+def _scores_where_expected(rows: Array, *, score: int, keypoints: int) -> bool:
+    """Whether rows (N, columns) have scores in these columns: of the box, and of each keypoint
+    behind its x and y."""
+    return evidence.are_scores(rows[:, score]) and evidence.are_scores(rows[:, keypoints + 2 :: 3])
+
+
 def _match_yolov8_pose(graph: Graph) -> Match | None:
     tensor = graph.outputs[0]
     if len(graph.outputs) != 1 or len(tensor.shape) != 3 or graph.task == "detect":
         return None
     keypoints = _keypoint_count(graph, (tensor.shape[1] or 0) - 5)
     if keypoints is None or yolo_strides(graph, tensor.shape[2]) is None:
+        return None
+    values = graph.values(tensor)
+    if values is not None and not _scores_where_expected(values.T, score=4, keypoints=5):
         return None
     return Match(
         {"columns": tensor.name},
@@ -71,7 +83,7 @@ def _match_yolov8_pose(graph: Graph) -> Match | None:
             "of x, y, score, as in YOLOv8-pose and YOLO11-pose",
         ],
         _ULTRALYTICS_POSE,
-        _ULTRALYTICS_ASSUMED,
+        ULTRALYTICS_ASSUMED,
         keypoints=keypoints,
     )
 
@@ -79,12 +91,13 @@ def _match_yolov8_pose(graph: Graph) -> Match | None:
 def _decode_yolov8_pose(outputs: Outputs, manifest: Manifest) -> Detections:
     columns = outputs["columns"][0]
     rows = columns[:, columns[4] >= manifest.score_threshold].T
-    return _with_keypoints(xyxy_from_centre(rows), rows[:, 4], rows[:, 5:])
+    found = _with_keypoints(xyxy_from_centre(rows), rows[:, 4], rows[:, 5:])
+    return replace(found, best_score=float(columns[4].max(initial=0)))
 
 
 def _with_keypoints(xyxy: Array, score: Array, values: Array) -> Detections:
     """values: (N, 3 K), x, y, score of every keypoint in turn, from the edge of the picture."""
-    keypoints = values.reshape(len(values), -1, 3)
+    keypoints = values.reshape(len(values), values.shape[1] // 3, 3)
     return Detections(xyxy, score, keypoints[..., :2] - np.float32(0.5), keypoints[..., 2])
 
 
@@ -94,8 +107,10 @@ def _match_yolo_pose_rows(graph: Graph) -> Match | None:
     if len(graph.outputs) != 1 or len(tensor.shape) != 3 or graph.task == "detect":
         return None
     keypoints = _keypoint_count(graph, (tensor.shape[2] or 0) - 6)
-    is_grid = any(yolo_strides(graph, tensor.shape[1], anchors=n) for n in (1, 3))
-    if keypoints is None or is_grid:
+    if keypoints is None or is_grid(graph, tensor.shape[1]):
+        return None
+    values = graph.values(tensor)
+    if values is not None and not _scores_where_expected(values, score=4, keypoints=6):
         return None
     return Match(
         {"rows": tensor.name},
@@ -104,7 +119,7 @@ def _match_yolo_pose_rows(graph: Graph) -> Match | None:
             f"{keypoints} keypoints of x, y, score; NMS inside"
         ],
         _ULTRALYTICS_POSE,
-        _ULTRALYTICS_ASSUMED,
+        ULTRALYTICS_ASSUMED,
         keypoints=keypoints,
     )
 

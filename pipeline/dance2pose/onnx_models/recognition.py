@@ -18,7 +18,13 @@ from dance2pose.onnx_models.forms import (
     OutputForm,
     is_extra_input,
 )
-from dance2pose.onnx_models.inference import Session, TensorInfo, check_model_file, open_session
+from dance2pose.onnx_models.inference import (
+    Array,
+    Session,
+    TensorInfo,
+    check_model_file,
+    open_session,
+)
 from dance2pose.onnx_models.manifest import (
     MAX_INPUT_SIDE,
     Kind,
@@ -109,7 +115,10 @@ def _describe(
     layout: Layout = stated.get("layout") or _layout(path, image)
     fixed = _fixed_size(image, layout)
     size = _stated_size(stated, fixed) or _metadata_size(session)
-    graph = Graph(session, image, layout, *(size or _OPEN_SIZE))
+    _check_input_size(path, size or _OPEN_SIZE, fixed)
+    graph = Graph(
+        session, image, layout, *(size or _OPEN_SIZE), form_is_stated=stated.get("form") is not None
+    )
     form, match = _recognise(graph, stated)
     where = str(manifest_file or path)
     check_keys_fit(stated, form.kind, form.name, where=where)
@@ -123,7 +132,7 @@ def _describe(
         manifest = Manifest(**settings)
     except ValueError as error:
         raise ModelError(f"{where}: {error}") from error
-    _check(path, manifest, match, fixed)
+    _check(path, manifest, match)
     return ModelDescription(
         path=path,
         sha256=file_sha256(path),
@@ -154,13 +163,20 @@ def _recognise(graph: Graph, stated: dict[str, Any]) -> tuple[OutputForm, Match]
         match = form.match(graph) if kind in (None, form.kind) else None
         if match is not None:
             return form, match
-    seen = "; ".join(map(str, graph.outputs))
+    seen = "; ".join(map(_with_range, graph.outputs, graph.probe))
     asked = f" of form {wanted}" if wanted else f" of kind {kind}" if kind else ""
     known = "; ".join(f"{form.name} ({form.kind}): {form.summary}" for form in candidates)
     raise ModelError(
         f"{graph.session.path}: not recognised as a model{asked}. Outputs seen: {seen}, "
         f"for an input of {graph.width}x{graph.height}. Forms known: {known}"
     )
+
+
+def _with_range(tensor: TensorInfo, values: Array) -> str:
+    """An output and what its values span, for the one who must say what it is."""
+    if not values.size or values.dtype.kind == "b":
+        return str(tensor)
+    return f"{tensor} ({values.min():.4g} to {values.max():.4g} on grey)"
 
 
 def _image_input(session: Session) -> TensorInfo:
@@ -230,11 +246,10 @@ def _skeleton_reason(match: Match, stated: dict[str, Any]) -> list[str]:
     return [f"{match.keypoints} keypoints: {first}{hint}"]
 
 
-def _check(
-    path: Path, manifest: Manifest, match: Match, fixed: tuple[int | None, int | None]
+def _check_input_size(
+    path: Path, size: tuple[int, int], fixed: tuple[int | None, int | None]
 ) -> None:
-    """What a manifest states must fit what the graph is."""
-    size = (manifest.input_width, manifest.input_height)
+    """What a manifest states must fit the graph, before a picture of that size is made."""
     if any(want not in (None, have) for want, have in zip(fixed, size, strict=True)):
         raise ModelError(
             f"{path}: takes pictures of {fixed[0] or '?'}x{fixed[1] or '?'} px, but its manifest "
@@ -242,6 +257,10 @@ def _check(
         )
     if max(size) > MAX_INPUT_SIDE:
         raise ModelError(f"{path}: takes pictures of {size[0]}x{size[1]} px, too large to run")
+
+
+def _check(path: Path, manifest: Manifest, match: Match) -> None:
+    """What a manifest states must fit what the graph is."""
     if match.classes is not None and manifest.person_class >= match.classes:
         raise ModelError(
             f"{path}: tells {match.classes} classes apart, but its manifest says that a person "

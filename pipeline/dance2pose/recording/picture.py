@@ -94,6 +94,8 @@ def _obstacle(info: VideoInfo, deinterlaced: bool) -> str | None:
         return f"the viewer opens MP4, this file is {info.container}"
     if info.codec not in _PLAYABLE_CODECS:
         return f"the viewer does not play the codec {info.codec}"
+    if info.other_tracks:
+        return f"the viewer may show another track of the file than track {info.track}"
     if info.rotation_degrees % 360 or info.mirrored:
         return "the viewer would not turn or mirror the picture as the file says"
     if info.sample_aspect_ratio != 1:
@@ -107,7 +109,7 @@ def _obstacle(info: VideoInfo, deinterlaced: bool) -> str | None:
         )
     try:
         timestamps_ns = read_video_asset(info.path).timestamps_ns
-        shown_s, stream_rate = _shown_timestamps_s(info.path)
+        shown_s, stream_rate = _shown_timestamps_s(info.path, info.track)
     except VideoError as error:
         return str(error)
     if not _agree(timestamps_ns, shown_s):
@@ -164,7 +166,7 @@ def read_video_asset(path: Path) -> VideoAsset:
     return VideoAsset(asset, timestamps_ns)
 
 
-def _shown_timestamps_s(path: Path) -> tuple[npt.NDArray[np.float64], float]:
+def _shown_timestamps_s(path: Path, track: int) -> tuple[npt.NDArray[np.float64], float]:
     """Presentation times of the pictures that a player shows, sorted, without decoding them.
 
     And the frames a second that the coded stream itself speaks of, 0 where it does not.
@@ -173,14 +175,14 @@ def _shown_timestamps_s(path: Path) -> tuple[npt.NDArray[np.float64], float]:
 
     try:
         with av.open(str(path)) as container:
-            stream = container.streams.video[0]
+            stream = next(s for s in container.streams.video if s.index == track)
             rate = float(stream.codec_context.framerate or 0)
             times = [
                 float(packet.pts * packet.time_base)
                 for packet in container.demux(stream)
                 if packet.pts is not None and not packet.is_discard
             ]
-    except (av.FFmpegError, IndexError) as error:
+    except (av.FFmpegError, StopIteration) as error:
         raise VideoError(f"{path}: its timestamps cannot be read: {error}") from error
     return np.sort(np.array(times)), rate
 

@@ -13,20 +13,24 @@ from fractions import Fraction
 
 import av.error
 from av.filter import Graph
-from av.filter.context import FilterContext
 from av.video.frame import VideoFrame
 
+from dance2pose.video.filters import buffer_source
 from dance2pose.video.picture import Orientation
 
 
 @dataclass(frozen=True)
 class Timed:
-    """A picture with its place in the video."""
+    """A picture with its place in the video, and how it is shown.
+
+    aspect: width over height of its samples.
+    """
 
     index: int
     time_s: float
     picture: VideoFrame
     orientation: Orientation
+    aspect: Fraction
 
 
 @dataclass(frozen=True)
@@ -55,21 +59,21 @@ class Deinterlacer:
     def __init__(self, interlacing: Interlacing) -> None:
         self._interlacing = interlacing
         self._graph: Graph | None = None
-        self._shape: tuple[int, int, str] | None = None
+        self._kind: tuple[int, int, str, int] | None = None
         self._waiting: deque[Timed] = deque()
         self.applied = 0
 
     def push(self, timed: Timed) -> list[Timed]:
         picture = timed.picture
-        shape = (picture.width, picture.height, picture.format.name)
+        kind = picture.width, picture.height, picture.format.name, int(picture.color_range)
         ready: list[Timed] = []
-        if self._graph is not None and shape != self._shape:
+        if self._graph is not None and kind != self._kind:
             ready = self.flush()
         if self._graph is None:
             every = self._interlacing.found and not self._interlacing.marked
             if not (every or picture.interlaced_frame):
                 return [*ready, timed]
-            self._graph, self._shape = self._build(picture), shape
+            self._graph, self._kind = self._build(picture), kind
         # The filter's own bookkeeping needs increasing times; the true ones travel in `_waiting`.
         picture.pts = timed.index
         picture.time_base = Fraction(1, 1000)
@@ -111,16 +115,3 @@ class Deinterlacer:
         )
         graph.link_nodes(source, bwdif, graph.add("buffersink")).configure()
         return graph
-
-
-def buffer_source(graph: Graph, picture: VideoFrame) -> FilterContext:
-    """The input of a filter graph for pictures like this one, in thousandths of a second."""
-    return graph.add(
-        "buffer",
-        video_size=f"{picture.width}x{picture.height}",
-        pix_fmt=picture.format.name,
-        time_base="1/1000",
-        pixel_aspect="1/1",
-        colorspace=str(int(picture.colorspace)),
-        range=str(int(picture.color_range)),
-    )

@@ -9,6 +9,7 @@ from pathlib import Path
 import av
 from av.video.frame import VideoFrame
 
+from dance2pose.video.canvas import canvas_size
 from dance2pose.video.deinterlace import Interlacing
 from dance2pose.video.picture import (
     HDR_TRANSFERS,
@@ -26,15 +27,17 @@ from dance2pose.video.source import Source
 class VideoInfo:
     """A video file described.
 
-    width, height: of the frames as read: upright, in square pixels. stored_width, stored_height: of
-    the picture in the file. rotation_degrees: clockwise turn, and mirrored: left-right flip before
-    it, that made the picture upright. sample_aspect_ratio: width over height of a stored sample, 1
-    where the file says nothing. interlaced: whether fields were found; field_order and
-    interlaced_because say which and how it is known. duration_s, frame_count: as the container
-    says, None where it does not. frame_rate: average frames a second, for information only (time
-    is each frame's own timestamp). start_time_s: the stream's first timestamp, which is time 0 of
-    the frames. colour_matrix: as used, stated in the file or not. full_range: luma 0..255.
-    hdr: "PQ", "HLG" or None.
+    width, height: of the frames as read: upright, in square pixels, wide enough for the widest
+    picture. stored_width, stored_height: of the picture in the file. rotation_degrees: clockwise
+    turn, and mirrored: left-right flip before it, that made the picture upright.
+    sample_aspect_ratio: width over height of a stored sample of the first picture, 1 where the file
+    says nothing. interlaced: whether fields were found; field_order and interlaced_because say
+    which and how it is known. duration_s, frame_count: as the file announces, None where it does
+    not. frame_rate: average frames a second, for information only (time is each frame's own
+    timestamp). start_time_s: the stream's first timestamp, which is time 0 of the frames.
+    file_offset_s: how much later than the file's first sound or picture that is. colour_matrix: as
+    used, stated in the file or not. full_range: luma 0..255. hdr: "PQ", "HLG" or None. track:
+    number of the video's track in the file. other_tracks: video tracks left out.
     """
 
     path: Path
@@ -56,9 +59,12 @@ class VideoInfo:
     field_order: str
     interlaced_because: str
     start_time_s: float | None
+    file_offset_s: float
     colour_matrix: str
     full_range: bool
     hdr: str | None
+    track: int = 0
+    other_tracks: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -74,19 +80,17 @@ def describe(
 ) -> VideoInfo:
     """The description of an opened file and its first picture."""
     stream, container = source.stream, source.container
+    announced = source.announced
     aspect = sensible_aspect(stream.sample_aspect_ratio)
-    width, height = turned.size(*square_size(picture.width, picture.height, aspect))
-    duration_s: float | None = None
-    if stream.duration is not None and stream.time_base is not None:
-        duration_s = float(stream.duration * stream.time_base)
-    elif container.duration is not None:
-        duration_s = container.duration / av.time_base
+    first = square_size(picture.width, picture.height, aspect)
+    width, height = turned.size(*canvas_size(source, first))
     rate = stream.guessed_rate or stream.average_rate
-    if stream.frames and duration_s:
-        rate = Fraction(stream.frames / duration_s)
-    start_s = None
+    if stream.frames and announced.shown and announced.length_s:
+        rate = Fraction(announced.shown / announced.length_s)
+    start_s = offset_s = None
     if stream.start_time is not None and stream.time_base is not None:
         start_s = float(stream.start_time * stream.time_base)
+        offset_s = start_s - (container.start_time or 0) / av.time_base
     return VideoInfo(
         path=source.path,
         size_bytes=source.path.stat().st_size,
@@ -98,8 +102,8 @@ def describe(
         rotation_degrees=turned.degrees,
         sample_aspect_ratio=aspect,
         interlaced=interlacing.found,
-        duration_s=duration_s if duration_s and duration_s > 0 else None,
-        frame_count=stream.frames or None,
+        duration_s=announced.length_s,
+        frame_count=announced.shown,
         frame_rate=float(rate) if rate else None,
         stored_width=picture.width,
         stored_height=picture.height,
@@ -107,7 +111,10 @@ def describe(
         field_order=interlacing.field_order,
         interlaced_because=interlacing.because,
         start_time_s=start_s,
+        file_offset_s=max(0.0, offset_s or 0.0),
         colour_matrix="RGB" if picture.format.is_rgb else MATRIX_NAMES[colour_matrix(picture)],
         full_range=full_range(picture),
         hdr=HDR_TRANSFERS.get(int(picture.color_trc)),
+        track=stream.index,
+        other_tracks=source.other_tracks,
     )

@@ -11,14 +11,14 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import av.error
 from av.filter import Graph
 from av.video.frame import VideoFrame
 
 from dance2pose.errors import VideoError
-from dance2pose.video.deinterlace import Interlacing, buffer_source
+from dance2pose.video.deinterlace import Interlacing
+from dance2pose.video.filters import buffer_source
 from dance2pose.video.source import Source
 
 # Lines of NTSC, PAL (with and without vertical blanking) and 1080i, as stored.
@@ -61,14 +61,14 @@ def find_interlacing(source: Source, first: VideoFrame) -> Interlacing:
         because = f"the stream is marked {order}"
         return Interlacing(True, because, order, marked=False, parity=PARITIES[order])
     if first.height in INTERLACED_HEIGHTS:
-        return _look(source.path, order)
+        return _look(source, order)
     return Interlacing(field_order=order)
 
 
-def _look(path: Path, order: str) -> Interlacing:
+def _look(opened: Source, order: str) -> Interlacing:
     """Judge pictures from several places of the file."""
     seen: Counter[str] = Counter()
-    for pictures in _places(path):
+    for pictures in _places(opened):
         graph: Graph | None = None
         for picture in pictures:
             if picture.interlaced_frame:
@@ -94,10 +94,10 @@ def _look(path: Path, order: str) -> Interlacing:
     return Interlacing(True, because, ORDERS[parity], marked=False, parity=parity)
 
 
-def _places(path: Path) -> Iterator[Iterator[VideoFrame]]:
+def _places(opened: Source) -> Iterator[Iterator[VideoFrame]]:
     """PICTURES pictures from each of the PLACES."""
     try:
-        source = Source(path)
+        source = Source(opened.path, track=opened.stream.index)
     except VideoError:
         return
     try:

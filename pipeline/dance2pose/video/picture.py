@@ -12,7 +12,7 @@ import numpy as np
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from dance2pose.poses import Image
+from dance2pose.poses import Image, Inner
 
 # Beyond these a sample aspect ratio is a damaged header, not a tape.
 MIN_ASPECT, MAX_ASPECT = Fraction(1, 4), Fraction(4)
@@ -116,33 +116,38 @@ def full_range(picture: VideoFrame) -> bool:
 class PictureMaker:
     """Makes the image of each picture.
 
-    size: (width, height) of every image, upright, in square pixels. aspect: of the stored samples.
-    A picture of another shape (the recording changed its format half-way) is fitted into that size
-    with black borders, so that all frames share one coordinate system; `refitted` counts those.
+    size: (width, height) of every image, upright, in square pixels. A picture of another shape
+    (the recording changed its format half-way) is fitted into that size with black borders, so
+    that all frames share one coordinate system; `refitted` counts those.
     """
 
-    def __init__(self, size: tuple[int, int], aspect: Fraction) -> None:
+    def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self.aspect = aspect
         self.refitted = 0
         self._reformatter = VideoReformatter()
 
-    def image(self, picture: VideoFrame, turned: Orientation) -> Image:
-        """(H, W, 3) uint8 BGR."""
-        upright = turned.size(*square_size(picture.width, picture.height, self.aspect))
+    def image(
+        self, picture: VideoFrame, turned: Orientation, aspect: Fraction
+    ) -> tuple[Image, Inner | None]:
+        """(H, W, 3) uint8 BGR, and what of it is the picture where there are borders.
+
+        aspect: width over height of the picture's samples.
+        """
+        upright = turned.size(*square_size(picture.width, picture.height, aspect))
         if upright == self.size:
-            return turned.apply(self._bgr(picture, turned.size(*upright)))
+            return turned.apply(self._bgr(picture, turned.size(*upright))), None
         self.refitted += 1
         scale = min(self.size[0] / upright[0], self.size[1] / upright[1])
-        fitted = tuple(
+        width, height = (
             min(limit, max(1, round(n * scale)))
             for n, limit in zip(upright, self.size, strict=True)
         )
-        inner = turned.apply(self._bgr(picture, turned.size(*fitted)))
         image: Image = np.zeros((self.size[1], self.size[0], 3), dtype=np.uint8)
-        left, top = ((n - m) // 2 for n, m in zip(self.size, fitted, strict=True))
-        image[top : top + fitted[1], left : left + fitted[0]] = inner
-        return image
+        left, top = (self.size[0] - width) // 2, (self.size[1] - height) // 2
+        image[top : top + height, left : left + width] = turned.apply(
+            self._bgr(picture, turned.size(width, height))
+        )
+        return image, (left, top, width, height)
 
     def _bgr(self, picture: VideoFrame, size: tuple[int, int]) -> Image:
         scaled = size != (picture.width, picture.height)

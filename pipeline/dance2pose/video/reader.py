@@ -14,14 +14,17 @@ from av.video.frame import VideoFrame
 
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.poses import Frame
+from dance2pose.video.announced import tagged_length_s
 from dance2pose.video.background import Background
 from dance2pose.video.clock import make_clock
 from dance2pose.video.deinterlace import Deinterlacer, Timed
 from dance2pose.video.info import VideoInfo, describe
 from dance2pose.video.interlacing import find_interlacing
 from dance2pose.video.picture import PictureMaker, orientation
+from dance2pose.video.pixel_shape import PixelShapes
 from dance2pose.video.seeking import LEAST_SKIP_S, find_entry
 from dance2pose.video.source import MAX_PIXELS, Source
+from dance2pose.video.unreadable import why_undecodable
 
 Deinterlace = Literal["auto", "off"]
 
@@ -86,7 +89,8 @@ class FrameReader:
             self.info: VideoInfo = describe(self._source, first, orientation(first), interlacing)
             stream = self._source.stream
             self._clock = make_clock(stream, first)
-            self._maker = PictureMaker(self.info.size, self.info.sample_aspect_ratio)
+            self._maker = PictureMaker(self.info.size)
+            self._shapes = PixelShapes(stream)
             self._deinterlacer = Deinterlacer(interlacing) if deinterlace == "auto" else None
             self._pictures = self._skip_to_start() or enumerate(chain([first], decoded))
         except BaseException:
@@ -99,7 +103,7 @@ class FrameReader:
         target = self._clock.pts(self._start_s)
         if self._start_s < LEAST_SKIP_S or target is None or self._clock.by_decoding:
             return None
-        entry = find_entry(self.info.path, target)
+        entry = find_entry(self.info.path, self.info.track, target)
         if entry is None or entry.index == 0:
             return None
         with contextlib.suppress(av.error.FFmpegError):  # not every file can be sought in
@@ -109,7 +113,8 @@ class FrameReader:
             if first is not None and first.pts == entry.pts:
                 return enumerate(chain([first], pictures), start=entry.index)
         self._source.close()  # landed elsewhere: begin again
-        self._source = Source(self.info.path)
+        self._source = Source(self.info.path, track=self.info.track)
+        self._shapes.follow(self._source.stream)
         return enumerate(self._source.decoded())
 
     @property
@@ -163,8 +168,8 @@ class FrameReader:
                 if timed.time_s < self._start_s:
                     continue
                 if wanted % self._every == 0:
-                    image = self._maker.image(timed.picture, timed.orientation)
-                    yield Frame(timed.index, timed.time_s, image)
+                    image, inner = self._maker.image(timed.picture, timed.orientation, timed.aspect)
+                    yield Frame(timed.index, timed.time_s, image, inner)
                 wanted += 1
         except av.error.FFmpegError as error:
             raise VideoError(
@@ -184,7 +189,8 @@ class FrameReader:
             time_s = self._clock.read(picture)
             if time_s >= self._end_s:
                 return
-            yield Timed(index, time_s, picture, orientation(picture))
+            aspect = self._shapes.of(picture)
+            yield Timed(index, time_s, picture, orientation(picture), aspect)
 
     def _progressive(self) -> Iterator[Timed]:
         if self._deinterlacer is None:
@@ -198,7 +204,7 @@ class FrameReader:
         """Say what was lost and what was supposed."""
         source, info, clock = self._source, self.info, self._clock
         losses = source.losses()
-        announced_s = source.announced_s()
+        announced_s = tagged_length_s(source.stream)
         if source.complete and not losses and announced_s is not None:
             short_s = announced_s - clock.end_s
             if short_s > max(LEAST_SHORT_S, 2 * clock.period_s):
@@ -208,6 +214,16 @@ class FrameReader:
                 )
         self.damaged = bool(losses)
         self.warnings += losses + clock.warnings()
+        if info.other_tracks:
+            self.warnings.append(
+                f"of several video tracks, track {info.track} was read; left out:"
+                f" {', '.join(info.other_tracks)}"
+            )
+        if source.cannot_be_shown:
+            self.warnings.append(
+                f"the video begins with {source.cannot_be_shown} frames that build upon frames cut"
+                " off before: they cannot be shown"
+            )
         if self._maker.refitted:
             self.warnings.append(
                 f"{self._maker.refitted} frames have another size or shape than the first: fitted"
@@ -224,6 +240,10 @@ def _first(decoded: Iterator[VideoFrame], source: Source) -> VideoFrame:
     if first is not None:
         return first
     context = source.stream.codec_context
+    if not source.packets or not context.width * context.height:
+        why = why_undecodable(source.path)
+        if why is not None and "codec is" not in why:
+            raise VideoError(f"{source.path}: {why}")
     if not context.width * context.height:
         raise VideoError(
             f"{source.path}: says no picture size, or one of more than {MAX_PIXELS} px in all; its"

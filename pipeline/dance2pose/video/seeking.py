@@ -34,11 +34,11 @@ class Entry:
     packets_before: int
 
 
-def find_entry(path: Path, target_pts: int) -> Entry | None:
-    """The last key picture before `target_pts` (in the stream's time base) with its number, or
+def find_entry(path: Path, track: int, target_pts: int) -> Entry | None:
+    """The last key picture of a track before `target_pts` (in its time base) with its number, or
     None where the packets do not tell it."""
     try:
-        source = Source(path)
+        source = Source(path, track=track)
     except VideoError:
         return None
     try:

@@ -12,13 +12,14 @@ import av
 import av.error
 from av.container import InputContainer
 from av.packet import Packet
-from av.stream import Disposition
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from dance2pose.errors import VideoError
+from dance2pose.video.announced import read_announced
 from dance2pose.video.ffv1 import Checksums
+from dance2pose.video.streams import choose_stream
 
 # 8192 x 8192. Larger than any video camera's picture; a header that says more is damaged or hostile
 # and must not make us allocate gigabytes.
@@ -34,6 +35,9 @@ NOT_VIDEO = frozenset({"tty", "hls", "concat", "dash", "imf", "sdp", "rtsp", "we
 # streams may store one packet a field; VP8 in WebM has packets that are never shown.)
 ONE_PACKET_A_PICTURE = frozenset({"mov", "matroska", "avi", "mxf"})
 HIDDEN_PICTURES = frozenset({"vp8", "mpeg4", "msmpeg4v3"})
+
+# Packets at the beginning whose pictures may come before the first that can be decoded.
+EARLY_PACKETS = 256
 
 # What costs much to decode at any size, and pictures that do in any codec.
 HEAVY_CODECS = frozenset({"ffv1", "prores", "jpeg2000", "vvc"})
@@ -103,30 +107,6 @@ def _why_not(path: Path, error: Exception) -> str:
     return f"{path}: is not a video that FFmpeg can read ({reason}); expected MP4, MKV, AVI, MOV …"
 
 
-def choose_stream(path: Path, container: InputContainer) -> VideoStream:
-    """The video stream to read: the default one, else the largest. Cover pictures do not count."""
-    streams = [
-        stream
-        for stream in container.streams.video
-        if not stream.disposition & (Disposition.attached_pic | Disposition.timed_thumbnails)
-    ]
-    if not streams:
-        found = ", ".join(sorted({stream.type for stream in container.streams})) or "no stream"
-        raise VideoError(f"{path}: holds no video, only: {found}")
-    decodable = [stream for stream in streams if stream.codec_context is not None]
-    if not decodable:
-        raise VideoError(f"{path}: its video codec is not one FFmpeg can decode here; convert it")
-    best = max(
-        decodable,
-        key=lambda stream: (
-            bool(stream.disposition & Disposition.default),
-            stream.codec_context.width * stream.codec_context.height,
-        ),
-    )
-    check_size(path, best.codec_context.width, best.codec_context.height)
-    return best
-
-
 def check_size(path: Path, width: int, height: int) -> None:
     """Refuse a picture nobody films before memory is taken for it."""
     if width * height > MAX_PIXELS:
@@ -157,18 +137,21 @@ def _set_threads(context: VideoCodecContext) -> None:
 class Source:
     """The decoder of one file.
 
-    packets, frames: how many were read and decoded, `discarded` of the packets being hidden by an
-    edit list. decode_errors: packets the decoder refused. read_errors: places that could not be
-    read. damaged_packets, damaged_frames: flagged so by the demuxer, the decoder. complete: True
-    once the end of the file was reached.
+    track: number of the track to read, the film among them if not given. other_tracks: in words,
+    those left out. packets, frames: how many were read and decoded, `discarded` of the packets
+    being hidden by an edit list. decode_errors: packets the decoder refused. read_errors: places
+    that could not be read. damaged_packets, damaged_frames: flagged so by the demuxer, the
+    decoder. complete: True once the end of the file was reached.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, track: int | None = None) -> None:
         self.path = path
         self.container = open_container(path)
+        self.other_tracks: tuple[str, ...] = ()
         try:
-            self.stream = choose_stream(path, self.container)
-        except VideoError:
+            self.stream = self._choose(track)
+            self.announced = read_announced(path, self.container, self.stream)
+        except BaseException:
             self.container.close()
             raise
         context = self.stream.codec_context
@@ -185,6 +168,21 @@ class Source:
         self._checksums = Checksums() if context.codec.canonical_name == "ffv1" else None
         self._first_pts: int | None = None
         self._packets_before = 0
+        self._first_shown_pts: int | None = None
+        self._early_pts: list[int] = []
+
+    def _choose(self, track: int | None) -> VideoStream:
+        if track is not None:
+            return next(s for s in self.container.streams.video if s.index == track)
+        again = open_container(self.path) if len(self.container.streams.video) > 1 else None
+        try:
+            stream, self.other_tracks = choose_stream(self.path, self.container, again)
+        finally:
+            if again is not None:
+                again.close()
+        context = stream.codec_context
+        check_size(self.path, context.width, context.height)
+        return stream
 
     @property
     def one_packet_a_picture(self) -> bool:
@@ -201,10 +199,13 @@ class Source:
         self.container.seek(pts, stream=self.stream)
         self.packets = self.discarded = self.frames = 0
         self._first_pts, self._packets_before = pts, packets_before
+        self._first_shown_pts, self._early_pts = None, []
 
     def decoded(self) -> Iterator[VideoFrame]:
         """Every picture that can be decoded, in presentation order. Call it again after a seek."""
         for packet in self._read():
+            if packet is not None and not packet.size and packet.dts is not None:
+                continue  # a null frame: nothing new is shown. (Without data, it would end it all.)
             try:
                 pictures = self.stream.decode(packet)
             except av.error.FFmpegError:
@@ -213,6 +214,8 @@ class Source:
             for picture in pictures:
                 if self._is_before(picture.pts):
                     continue
+                if not self.frames:
+                    self._first_shown_pts = picture.pts
                 self.frames += 1
                 self.damaged_frames += picture.is_corrupt
                 yield picture
@@ -238,6 +241,8 @@ class Source:
         if not self._is_before(packet.pts):
             self.packets += 1
             self.discarded += packet.is_discard
+            if len(self._early_pts) < EARLY_PACKETS and packet.pts is not None:
+                self._early_pts.append(packet.pts)
             if self._checksums is not None:
                 self._checksums.check(bytes(packet))
 
@@ -267,18 +272,17 @@ class Source:
             lines.append(f"{self.damaged_packets} packets are damaged in the file")
         return lines
 
+    @property
+    def cannot_be_shown(self) -> int:
+        """Pictures before the first one shown: they build upon others that were cut off."""
+        first = self._first_shown_pts
+        if first is None or self.decode_errors or self.read_errors or self.discarded:
+            return 0
+        return sum(pts < first for pts in self._early_pts)
+
     def _missing(self) -> int:
         """Pictures the container announces or holds that the decoder never gave."""
         if not self.one_packet_a_picture:
             return 0
-        announced = max(self.stream.frames - self._packets_before, self.packets)
-        return max(0, announced - self.discarded - self.frames)
-
-    def announced_s(self) -> float | None:
-        """How long the stream lasts as Matroska's own tag says; survives the loss of its end."""
-        text = self.stream.metadata.get("DURATION", "")
-        try:
-            hours, minutes, seconds = (float(part) for part in text.strip("\0").split(":"))
-        except ValueError:
-            return None
-        return 3600 * hours + 60 * minutes + seconds
+        announced = max(self.announced.packets - self._packets_before, self.packets)
+        return max(0, announced - self.discarded - self.frames - self.cannot_be_shown)
