@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 # A field's name ends in its unit; the option's does not, its help text states it.
-_UNITS = ("_deg", "_hz", "_m", "_s")
+_UNITS = ("_deg", "_gb", "_hz", "_min", "_m", "_s")
 
 
 def option_name(field: str) -> str:

@@ -11,6 +11,8 @@ from pathlib import Path
 from dance2pose.errors import OutputError, OutputExistsError
 from dance2pose.leftovers import sweep_once, temporary_name
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
 
 def check_output(path: Path, *, overwrite: bool) -> None:
     """Raise OutputError unless `path` can be written, before any work is spent on it.
@@ -57,6 +59,16 @@ def written_whole(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
 
 def output_error(path: Path, error: OSError) -> OutputError:
     """What the file system refused, for the person who asked for `path`."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if error.errno in _FULL:
         return OutputError(f"{path}: cannot be written, the disk is full; nothing was left behind")
     return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Whether a full disk is what an error, or one that led to it, comes from."""
+    seen: BaseException | None = error
+    while seen is not None:
+        if isinstance(seen, OSError) and seen.errno in _FULL:
+            return True
+        seen = seen.__cause__ or seen.__context__
+    return False

@@ -99,10 +99,19 @@ class Session:
             return next((word for word in words if content.find(word.encode()) >= 0), None)
 
 
+_most_threads = 4
+
+
+def limit_threads(most: int) -> None:
+    """Let `default_threads` give no more than this: other processes share the cores."""
+    global _most_threads
+    _most_threads = max(1, most)
+
+
 def default_threads() -> int:
     """Threads within one operator: the cores this process may use, at most four."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(4, usable or 1))
+    return max(1, min(_most_threads, usable or 1))
 
 
 def open_session(path: Path, *, threads: int | None = None) -> Session:
