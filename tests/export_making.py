@@ -10,7 +10,7 @@ import numpy as np
 
 from dance2pose.body import body_bones_mm
 from dance2pose.export.rig import rest_directions
-from dance2pose.export.scene import ExportScene, Performer
+from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.poses import Timeline, Track2D, Track3D, Unit
 from dance2pose.skeleton import get
 
@@ -108,8 +108,8 @@ def variable_times(count: int, seed: int = 3) -> np.ndarray:
 
 
 def make_scene(*poses: Track3D, video: Path | None = None, **provenance: Any) -> ExportScene:
-    performers = tuple(Performer(p, make_keypoints(p)) for p in poses)
-    return ExportScene(performers, video, {"note": "planted", **provenance})
+    dancers = tuple(SceneDancer(p, make_keypoints(p)) for p in poses)
+    return ExportScene(dancers, video, {"note": "planted", **provenance})
 
 
 TIMES = np.arange(61) / NTSC

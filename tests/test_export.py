@@ -13,10 +13,10 @@ import pytest
 
 from dance2pose import export
 from dance2pose.clock import even
-from dance2pose.errors import OutputError, UsageError, VideoError
+from dance2pose.errors import DataError, OutputError, UsageError, VideoError
 from dance2pose.exchange import write_poses, write_track
 from dance2pose.export import FORMS, ExportScene
-from dance2pose.export.scene import Performer
+from dance2pose.export.scene import SceneDancer
 from dance2pose.poses import Timeline, Track3D
 from export_making import NTSC, SCENES, TIMES, make_poses, make_scene, variable_times, with_gap
 from video_making import numbered_video, read_number
@@ -66,7 +66,7 @@ def test_every_form_takes_every_scene_and_leaves_only_its_files(
     export.write(scene, output)
     expected = {output.name}
     if not form.several_dancers:
-        expected |= {f"out.dancer_{p.person}{suffix}" for p in scene.performers[1:]}
+        expected |= {f"out.dancer_{p.person}{suffix}" for p in scene.dancers[1:]}
     assert {path.name for path in tmp_path.iterdir()} == expected
     assert all(path.stat().st_size > 50 for path in tmp_path.iterdir())
     with pytest.raises(OutputError, match=r"exists already"):
@@ -139,7 +139,7 @@ def test_dancers_in_different_units_make_no_scene() -> None:
 @pytest.mark.parametrize("name", ["metres", "body heights, path not known"])
 def test_bvh_gives_the_joints_back(tmp_path: Path, name: str) -> None:
     scene = SCENES[name]()
-    poses = scene.performers[0].poses
+    poses = scene.dancers[0].poses
     _, notes = export.write(scene, tmp_path / "out.bvh")
     read = read_bvh(tmp_path / "out.bvh")
     np.testing.assert_allclose(read.time_s, TIMES, atol=1e-6)
@@ -162,7 +162,7 @@ def test_bvh_bridges_a_gap_and_says_so(tmp_path: Path) -> None:
     _, notes = export.write(scene, tmp_path / "out.bvh")
     assert "11 frames without a pose are bridged by straight lines" in notes
     read = read_bvh(tmp_path / "out.bvh")
-    truth = places(scene.performers[0].poses)
+    truth = places(scene.dancers[0].poses)
     assert len(read.xyz) == len(truth)
     assert farthest(np.where(np.isnan(truth), np.nan, read.xyz), truth) < 0.01 * MM
 
@@ -211,9 +211,9 @@ def test_gltf_gives_the_joints_back_at_their_true_times(tmp_path: Path, name: st
     start = gltf.extras["time 0 is at (s of the video)"]
     assert gltf.extras["unit"] == scene.unit
     assert gltf.extras["provenance"]["note"] == "planted"
-    for performer in scene.performers:
-        poses = performer.poses
-        found = gltf.joints(performer.name, (poses.time_s - start).astype(np.float32))
+    for dancer in scene.dancers:
+        poses = dancer.poses
+        found = gltf.joints(dancer.name, (poses.time_s - start).astype(np.float32))
         assert farthest(found, places(poses)) < 0.01 * MM
 
 
@@ -257,10 +257,10 @@ def test_c3d_gives_the_joints_back(tmp_path: Path, name: str) -> None:
     unit = file["parameters"]["POINT"]["UNITS"]["value"]
     assert unit == [{"metres": "mm", "body heights": "mBH"}[scene.unit]]
     assert c3d_provenance(tmp_path / "out.c3d")["note"] == "planted"
-    for performer in scene.performers:
-        label = f"{performer.name}:" if len(scene.performers) > 1 else ""
+    for dancer in scene.dancers:
+        label = f"{dancer.name}:" if len(scene.dancers) > 1 else ""
         read = read_c3d(tmp_path / "out.c3d", label)
-        _check_even(read, performer)
+        _check_even(read, dancer)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -272,17 +272,17 @@ def test_trc_gives_the_joints_back(tmp_path: Path, name: str) -> None:
     unit = {"metres": ("mm", 0.001), "body heights": ("bh", 1.0)}[scene.unit]
     assert header["Units"] == unit[0]
     assert int(header["NumFrames"]) == len(lines) - 6
-    assert int(header["NumMarkers"]) == len(MARKERS) * len(scene.performers)
-    for performer in scene.performers:
-        label = f"{performer.name}:" if len(scene.performers) > 1 else ""
+    assert int(header["NumMarkers"]) == len(MARKERS) * len(scene.dancers)
+    for dancer in scene.dancers:
+        label = f"{dancer.name}:" if len(scene.dancers) > 1 else ""
         read = read_trc(tmp_path / "out.trc", label, unit[1])
         assert float(header["DataRate"]) == pytest.approx(1 / np.diff(read.time_s).mean(), rel=1e-5)
-        _check_even(read, performer)
+        _check_even(read, dancer)
 
 
-def _check_even(read: Read, performer: Performer) -> None:
+def _check_even(read: Read, dancer: SceneDancer) -> None:
     """Joints at an even rate are those of the planted motion at these times; gaps are gaps."""
-    poses = performer.poses
+    poses = dancer.poses
     truth = make_poses(
         read.time_s, person=poses.person, unit=poses.unit, rooted=poses.root is not None
     )
@@ -344,9 +344,9 @@ def test_wide_tables_hold_joints_and_angles_at_true_times(
     export.write(scene, path)
     table = pd.read_csv(path) if suffix == ".csv" else pd.read_parquet(path)
     unit = {"metres": "m", "body heights": "bh"}[scene.unit]
-    for performer in scene.performers:
-        poses = performer.poses
-        rows = table[table["dancer"] == performer.person]
+    for dancer in scene.dancers:
+        poses = dancer.poses
+        rows = table[table["dancer"] == dancer.person]
         np.testing.assert_array_equal(rows["frame"], poses.frame)
         np.testing.assert_array_equal(rows["time_s"], poses.time_s)
         columns = [f"{j}_{axis}_{unit}" for j in SKELETON.joints for axis in "xyz"]
@@ -370,7 +370,7 @@ def test_long_table_has_a_row_a_joint_and_empty_cells_in_a_gap(tmp_path: Path) -
     import pandas as pd
 
     scene = SCENES["a gap"]()
-    poses = scene.performers[0].poses
+    poses = scene.dancers[0].poses
     export.write(scene, tmp_path / "out.long.csv")
     text = (tmp_path / "out.long.csv").read_text()
     assert "nan" not in text.lower()
@@ -388,7 +388,7 @@ def test_keypoint_table_has_a_row_a_keypoint(tmp_path: Path) -> None:
     scene = SCENES["two dancers"]()
     export.write(scene, tmp_path / "out.keypoints.csv")
     table = pd.read_csv(tmp_path / "out.keypoints.csv")
-    track = scene.performers[1].keypoints
+    track = scene.dancers[1].keypoints
     assert track is not None
     rows = table[table["dancer"] == 3]
     np.testing.assert_array_equal(rows[["x_px", "y_px"]].to_numpy(), track.xy.reshape(-1, 2))
@@ -398,7 +398,7 @@ def test_keypoint_table_has_a_row_a_keypoint(tmp_path: Path) -> None:
 
 def test_json_holds_everything_and_null_where_nothing_is_known(tmp_path: Path) -> None:
     scene = SCENES["a gap"]()
-    poses = scene.performers[0].poses
+    poses = scene.dancers[0].poses
     export.write(scene, tmp_path / "out.json")
     content = json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
     (dancer,) = content["dancers"]
@@ -423,9 +423,9 @@ def test_netcdf_has_the_form_of_movements_datasets(tmp_path: Path, name: str) ->
         assert list(data["keypoints"].values) == list(SKELETON.joints)
         assert data.attrs["ds_type"] == "poses" and data.attrs["time_unit"] == "seconds"
         assert data.attrs["unit"] == scene.unit
-        for performer in scene.performers:
-            poses = performer.poses
-            one = data["position"].sel(individuals=performer.name, time=poses.time_s)
+        for dancer in scene.dancers:
+            poses = dancer.poses
+            one = data["position"].sel(individuals=dancer.name, time=poses.time_s)
             np.testing.assert_array_equal(
                 one.transpose("time", "keypoints", "space"), places(poses)
             )
@@ -492,15 +492,15 @@ def test_phrase_table_has_the_same_phrases(tmp_path: Path) -> None:
 
 def test_a_result_is_read_with_its_other_dancers_and_keypoints(tmp_path: Path) -> None:
     scene = SCENES["two dancers"]()
-    for stem, performer in zip(("out", "out.dancer_3"), scene.performers, strict=True):
-        write_poses(tmp_path / f"{stem}.npz", performer.poses)
-        assert performer.keypoints is not None
-        write_track(tmp_path / f"{stem}.track.npz", performer.keypoints)
+    for stem, dancer in zip(("out", "out.dancer_3"), scene.dancers, strict=True):
+        write_poses(tmp_path / f"{stem}.npz", dancer.poses)
+        assert dancer.keypoints is not None
+        write_track(tmp_path / f"{stem}.track.npz", dancer.keypoints)
     for name in ("out.npz", "out.rrd"):
         found = export.load_scene(tmp_path / name)
-        assert [p.person for p in found.performers] == [1, 3]
-        assert all(p.keypoints is not None for p in found.performers)
-        np.testing.assert_array_equal(found.performers[1].places, scene.performers[1].places)
+        assert [p.person for p in found.dancers] == [1, 3]
+        assert all(p.keypoints is not None for p in found.dancers)
+        np.testing.assert_array_equal(found.dancers[1].places, scene.dancers[1].places)
 
 
 # The even clock
@@ -512,6 +512,12 @@ def test_a_hole_in_time_stays_a_hole() -> None:
     assert motion.rate == 25 and len(motion.xyz) == 80
     known = ~np.isnan(motion.xyz).any(axis=(1, 2))
     np.testing.assert_array_equal(known, (np.arange(80) < 20) | (np.arange(80) >= 60))
+
+
+def test_times_that_are_no_seconds_are_refused_before_memory_is_taken() -> None:
+    times = np.array([0, 0.04, 0.08, 0.12, 4e9])
+    with pytest.raises(DataError, match="are the times seconds"):
+        even(times, make_poses(times).xyz)
 
 
 @pytest.mark.parametrize("rate", [24000 / 1001, 25.0, 30000 / 1001, 30.0, 60000 / 1001, 17.3])
@@ -541,7 +547,7 @@ def test_the_film_keeps_every_frame_and_its_time(tmp_path: Path, filmed: ExportS
         frames = list(container.decode(video=0))
         assert "dance2pose" in container.metadata["comment"]
     found = [float(f.pts * f.time_base) for f in frames if f.pts is not None]
-    np.testing.assert_allclose(found, filmed.performers[0].poses.time_s, atol=1 / 90_000)
+    np.testing.assert_allclose(found, filmed.dancers[0].poses.time_s, atol=1 / 90_000)
     height = frames[0].height
     for number, frame in enumerate(frames):
         image = frame.to_ndarray(format="bgr24")

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from dance2pose.poses import BoolArray, FloatArray
+from dance2pose.errors import DataError
+from dance2pose.holes import holes
+from dance2pose.poses import BoolArray, FloatArray, IntArray
 
 Times = npt.NDArray[np.float64]
 
-# A pause of more steps than this is a hole in time: nothing is interpolated across it.
-HOLE_STEPS = 2.5
 # Rates that cameras have. A measured rate this near to one of them is that one.
 _NOMINAL = (
     *(12.5, 15.0, 24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 200.0, 240.0),
@@ -29,8 +29,8 @@ _SAME_RATE = 3e-4
 _SLACK = 0.01
 # A spline needs so many points; fewer are joined by lines.
 _LEAST_FOR_SPLINE = 4
-# An hour at 1000 frames a second; more ticks than this is no film.
-MAX_TICKS = 10_000_000
+# A day at 24 frames a second; what needs more ticks than this has wrong times.
+MAX_TICKS = 2_100_000
 
 
 @dataclass(frozen=True)
@@ -71,25 +71,30 @@ def frame_rate(time_s: Times) -> float:
     return nearest if abs(nearest / measured - 1) < _SAME_RATE else round(measured, 4)
 
 
-def even(time_s: Times, xyz: FloatArray, rate: float | None = None) -> EvenMotion:
+def even(
+    time_s: Times, xyz: FloatArray, rate: float | None = None, *, frame: IntArray | None = None
+) -> EvenMotion:
     """Positions (T, J, 3) at times (T,) s, on the even clock of `rate` (their own if None).
 
     Between frames a cubic spline through the run of frames that have the joint. Nothing is made
-    up in holes: of time, or of a joint.
+    up in holes: of time (told better with the frame numbers (T,), see `holes`), or of a joint.
 
-    Raises ValueError where the times would need more than `MAX_TICKS` ticks.
+    Raises DataError where the times would need more than `MAX_TICKS` ticks.
     """
     rate = rate or frame_rate(time_s)
     slack = _SLACK
     first = int(np.ceil(time_s[0] * rate - slack))
     last = max(first, int(np.floor(time_s[-1] * rate + slack)))
     if last - first >= MAX_TICKS:
-        raise ValueError(f"{last - first + 1} ticks at {rate:g} a second are too many")
+        raise DataError(
+            f"frames from {time_s[0]:g} to {time_s[-1]:g} s would make {last - first + 1} at an "
+            f"even {rate:g} a second, more than {MAX_TICKS}; are the times seconds?"
+        )
     ticks = np.arange(first, last + 1) / rate
     out = np.full((len(ticks), *xyz.shape[1:]), np.nan)
-    hole = HOLE_STEPS * step_s(time_s)
+    cuts = holes(time_s, frame)
     for joints, known in _alike(_seen(xyz)):
-        for run in _runs(time_s, known, hole):
+        for run in _runs(known, cuts):
             times = time_s[run]
             inside = (ticks >= times[0] - slack / rate) & (ticks <= times[-1] + slack / rate)
             at = np.clip(ticks[inside], times[0], times[-1])
@@ -124,14 +129,18 @@ def _seen(xyz: FloatArray) -> BoolArray:
     return np.asarray(~np.isnan(xyz).any(axis=2))
 
 
-def runs(time_s: Times, known: BoolArray) -> Iterator[npt.NDArray[np.int64]]:
-    """The rows of each stretch of known frames without a hole in time."""
-    return _runs(time_s, known, HOLE_STEPS * step_s(time_s))
+def runs(
+    time_s: Times, known: BoolArray, frame: IntArray | None = None
+) -> Iterator[npt.NDArray[np.int64]]:
+    """The rows of each stretch of known frames without a hole in time (see `holes`)."""
+    return _runs(known, holes(time_s, frame))
 
 
-def _runs(time_s: Times, known: BoolArray, hole_s: float) -> Iterator[npt.NDArray[np.int64]]:
+def _runs(known: BoolArray, cuts: BoolArray) -> Iterator[npt.NDArray[np.int64]]:
+    """cuts: (T - 1,) whether a hole lies between a row and the next."""
     rows = np.flatnonzero(known)
-    apart = (np.diff(rows) > 1) & (np.diff(time_s[rows]) > 0) | (np.diff(time_s[rows]) > hole_s)
+    stretch = np.concatenate([[0], np.cumsum(cuts)])
+    apart = (np.diff(rows) > 1) | (np.diff(stretch[rows]) > 0)
     for run in np.split(rows, np.flatnonzero(apart) + 1):
         if len(run):
             yield run

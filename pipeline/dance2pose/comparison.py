@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.body import bone_lengths
-from dance2pose.clock import Times, even, step_s
+from dance2pose.clock import Times, even
 from dance2pose.errors import DataError, UsageError
+from dance2pose.holes import holes
 from dance2pose.phrases import find_phrases
 from dance2pose.poses import FloatArray, Track3D, Unit
 from dance2pose.skeleton import Skeleton, get
@@ -90,8 +91,8 @@ def compare(first: Track3D, second: Track3D) -> Comparison:
     a, b = (body_relative(track.xyz, skeleton) for track in (first, second))
     size_a, size_b = (_size(track.xyz, skeleton) for track in (first, second))
     b = b * (size_a / size_b)
-    time_b_s = _matching_times(first.time_s, a, second.time_s, b)
-    matched = _at_times(second.time_s, b, time_b_s)
+    time_b_s = _matching_times(first, a, second, b)
+    matched = _at_times(second, b, time_b_s)
     distance: FloatArray = np.linalg.norm(a - matched, axis=2)
     phrases = _phrase_differences(first, time_b_s, distance, skeleton)
     return Comparison(
@@ -170,25 +171,26 @@ def _size(xyz: FloatArray, skeleton: Skeleton) -> float:
     return float(sum(lengths[skeleton.index(end) - 1] for end in ends))
 
 
-def _matching_times(time_a: Times, a: FloatArray, time_b: Times, b: FloatArray) -> Times:
+def _matching_times(first: Track3D, a: FloatArray, second: Track3D, b: FloatArray) -> Times:
     """The time of b (T,) that matches each time of a, NaN in its gaps."""
     rate = RATE_HZ
-    cells = np.ptp(time_a) * np.ptp(time_b) * rate**2 * min(1.0, 2 * BAND)
+    cells = np.ptp(first.time_s) * np.ptp(second.time_s) * rate**2 * min(1.0, 2 * BAND)
     if cells > _MAX_CELLS:
         rate *= float(np.sqrt(_MAX_CELLS / cells))
-    ticks_a, known_a = _known_ticks(time_a, a, rate, "first")
-    ticks_b, known_b = _known_ticks(time_b, b, rate, "second")
+    ticks_a, known_a = _known_ticks(first, a, rate, "first")
+    ticks_b, known_b = _known_ticks(second, b, rate, "second")
     path = match(known_a, known_b)
     matched = np.array([ticks_b[path[path[:, 0] == i, 1]].mean() for i in range(len(ticks_a))])
-    times: Times = np.interp(time_a, ticks_a, matched)
+    times: Times = np.interp(first.time_s, ticks_a, matched)
     times[np.isnan(a).all(axis=(1, 2))] = np.nan
     return times
 
 
 def _known_ticks(
-    time_s: Times, xyz: FloatArray, rate: float, which: str
+    track: Track3D, xyz: FloatArray, rate: float, which: str
 ) -> tuple[Times, FloatArray]:
-    motion = even(time_s, xyz, rate)
+    """The ticks that have a whole pose: their times and joints."""
+    motion = even(track.time_s, xyz, rate, frame=track.frame)
     joints = np.asarray(~np.isnan(motion.xyz).any(axis=2))
     usual = joints.any(axis=0)  # a joint that is never known takes no part
     known = joints[:, usual].all(axis=1)
@@ -200,13 +202,13 @@ def _known_ticks(
     return motion.time_s[known], np.nan_to_num(motion.xyz[known])
 
 
-def _at_times(time_s: Times, xyz: FloatArray, at: Times) -> FloatArray:
-    """Joints (T, J, 3) between the frames of (S, J, 3), NaN where a neighbour has none."""
+def _at_times(track: Track3D, xyz: FloatArray, at: Times) -> FloatArray:
+    """Joints (T, J, 3) of a track at other times, NaN in its holes."""
+    time_s = track.time_s
     after = np.clip(np.searchsorted(time_s, np.nan_to_num(at)), 1, max(len(time_s) - 1, 1))
-    step = time_s[after] - time_s[after - 1]
-    share = np.clip((at - time_s[after - 1]) / step, 0, 1)[:, None, None]
-    found: FloatArray = xyz[after - 1] + share * (xyz[after] - xyz[after - 1])
-    found[step > 2.5 * step_s(time_s)] = np.nan
+    share = np.clip((at - time_s[after - 1]) / (time_s[after] - time_s[after - 1]), 0, 1)
+    found: FloatArray = xyz[after - 1] + share[:, None, None] * (xyz[after] - xyz[after - 1])
+    found[holes(time_s, track.frame)[after - 1]] = np.nan
     return found
 
 

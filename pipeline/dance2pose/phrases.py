@@ -62,7 +62,7 @@ def find_phrases(track: Track3D) -> tuple[Phrase, ...]:
     places = track.xyz if track.root is None else track.xyz + track.root[:, None]
     usual = np.asarray(~np.isnan(places).any(axis=2))
     known = usual.sum(axis=1) > usual.shape[1] / 2
-    for run in runs(track.time_s, known):
+    for run in runs(track.time_s, known, track.frame):
         if len(run) < 3:
             continue
         energy = motion_energy(track.time_s[run], places[run])

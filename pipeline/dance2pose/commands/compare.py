@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from dance2pose.comparison import Comparison
 from dance2pose.errors import UsageError
 from dance2pose.export.loading import load_scene, poses_file
-from dance2pose.export.scene import UNIT_SUFFIX, Performer
+from dance2pose.export.scene import UNIT_SUFFIX, SceneDancer
 from dance2pose.outputs import plan_outputs
 
 
@@ -56,7 +56,7 @@ def compare(
         output, kinds=(".rrd",), beside=(".csv",), inputs=(a, b, *inputs), overwrite=overwrite
     )
 
-    first, second = _performer(a, dancer_a), _performer(b, dancer_b)
+    first, second = _dancer(a, dancer_a), _dancer(b, dancer_b)
     found = comparison.compare(first.poses, second.poses)
     names = (f"{a.stem}, {first.name}", f"{b.stem}, {second.name}")
     identity = hashlib.sha256()
@@ -77,15 +77,15 @@ def compare(
             print(f"wrote {path}")
 
 
-def _performer(path: Path, number: int | None) -> Performer:
+def _dancer(path: Path, number: int | None) -> SceneDancer:
     """The dancer of that number in a result; its first for None."""
-    performers = load_scene(path).performers
+    dancers = load_scene(path).dancers
     if number is None:
-        return performers[0]
-    for performer in performers:
-        if performer.person == number:
-            return performer
-    there = ", ".join(str(p.person) for p in performers)
+        return dancers[0]
+    for dancer in dancers:
+        if dancer.person == number:
+            return dancer
+    there = ", ".join(str(p.person) for p in dancers)
     raise UsageError(f"{path}: has no dancer {number}; it has: {there}")
 
 

@@ -23,17 +23,17 @@ _TURNS = " ".join(f"{axis}rotation" for axis in _ORDER)
 
 def write_bvh(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write the one dancer of the scene; returns what the form could not keep, in sentences."""
-    (performer,) = scene.performers
-    motion = even(performer.poses.time_s, performer.places)
+    (dancer,) = scene.dancers
+    motion = even(dancer.poses.time_s, dancer.places, frame=dancer.poses.frame)
     xyz = bridged(motion.time_s, motion.xyz)
-    rig = make_rig(motion.time_s, xyz, performer.skeleton)
+    rig = make_rig(motion.time_s, xyz, dancer.skeleton)
     path.write_text(bvh_text(rig, motion.rate), encoding="ascii")
     unit = "cm" if scene.unit == "metres" else "hundredths of a body height"
     notes = [
         f"{motion.rate:.6g} frames a second from {motion.time_s[0]:.3f} s of the video, lengths in "
         f"{unit}, neither of which BVH can say"
     ]
-    moved = stretch(motion.xyz, rig, performer.skeleton)
+    moved = stretch(motion.xyz, rig, dancer.skeleton)
     if (moved > 1e-6).any():
         median, most = np.nanmedian(moved) * 100, np.nanmax(moved) * 100
         notes.append(

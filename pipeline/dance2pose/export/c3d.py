@@ -45,7 +45,7 @@ def write_c3d(path: Path, scene: ExportScene) -> tuple[str, ...]:
     point = file["parameters"]["POINT"]
     point["RATE"]["value"] = [motion.rate]
     point["UNITS"]["value"] = [_UNITS[scene.unit]]
-    point["LABELS"]["value"] = labelled(scene.performers)
+    point["LABELS"]["value"] = labelled(scene.dancers)
     point["DESCRIPTIONS"]["value"] = ["joint centre"] * motion.xyz.shape[1]
     file.add_parameter("POINT", "X_SCREEN", ["+X"])
     file.add_parameter("POINT", "Y_SCREEN", ["+Z"])

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dance2pose.clock import step_s
-from dance2pose.export.scene import ExportScene, Performer
+from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.phrases import Phrase, find_phrases
 
 _SCHEMA = "http://www.mpi.nl/tools/elan/EAFv3.0.xsd"
@@ -27,10 +27,10 @@ Note = tuple[int, int, str]
 def write_eaf(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write phrases and key poses of all dancers, linked to the video where it is known."""
     tiers: dict[str, list[Note]] = {}
-    for performer in scene.performers:
-        phrases = find_phrases(performer.poses)
-        tiers[performer.name] = [_phrase_note(phrase) for phrase in phrases]
-        tiers[f"{performer.name} key poses"] = _key_pose_notes(performer, phrases)
+    for dancer in scene.dancers:
+        phrases = find_phrases(dancer.poses)
+        tiers[dancer.name] = [_phrase_note(phrase) for phrase in phrases]
+        tiers[f"{dancer.name} key poses"] = _key_pose_notes(dancer, phrases)
     root = _document(scene, path)
     _add_tiers(root, tiers)
     _add_types(root)
@@ -45,13 +45,13 @@ def write_phrases(path: Path, scene: ExportScene) -> tuple[str, ...]:
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["dancer", "kind", "phrase", "start_s", "end_s", "frame", "energy"])
-        for performer in scene.performers:
-            for p in find_phrases(performer.poses):
+        for dancer in scene.dancers:
+            for p in find_phrases(dancer.poses):
                 span = (f"{p.start_s:.6f}", f"{p.end_s:.6f}")
-                table.writerow([performer.person, "phrase", p.number, *span, "", f"{p.energy:.6g}"])
+                table.writerow([dancer.person, "phrase", p.number, *span, "", f"{p.energy:.6g}"])
                 for pose in p.key_poses:
                     at = f"{pose.time_s:.6f}"
-                    row = [performer.person, "key pose", p.number, at, at, pose.frame]
+                    row = [dancer.person, "key pose", p.number, at, at, pose.frame]
                     table.writerow([*row, f"{pose.energy:.6g}"])
     return ()
 
@@ -60,9 +60,9 @@ def _phrase_note(phrase: Phrase) -> Note:
     return _ms(phrase.start_s), _ms(phrase.end_s), f"phrase {phrase.number}"
 
 
-def _key_pose_notes(performer: Performer, phrases: Sequence[Phrase]) -> list[Note]:
+def _key_pose_notes(dancer: SceneDancer, phrases: Sequence[Phrase]) -> list[Note]:
     """Key poses in order, none over the next: ELAN allows no overlap in a tier."""
-    long = max(1, _ms(step_s(performer.poses.time_s)))
+    long = max(1, _ms(step_s(dancer.poses.time_s)))
     poses = [pose for phrase in phrases for pose in phrase.key_poses]
     starts = [_ms(pose.time_s) for pose in poses]
     ends = [

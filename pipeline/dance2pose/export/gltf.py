@@ -20,7 +20,7 @@ from dance2pose.clock import bridged, is_known, runs, step_s
 from dance2pose.export.extras import need
 from dance2pose.export.mannequin import SIDES, make_mesh
 from dance2pose.export.rig import Rig, make_rig, rest_directions
-from dance2pose.export.scene import AXES, ExportScene, Performer
+from dance2pose.export.scene import AXES, ExportScene, SceneDancer
 from dance2pose.poses import FloatArray
 from dance2pose.recording.placement import SPACING, floor_height
 
@@ -95,12 +95,12 @@ def write_gltf(path: Path, scene: ExportScene) -> tuple[str, ...]:
             baseColorFactor=list(_COLOURS[side]), metallicFactor=0.0, roughnessFactor=0.8
         )
         build.add("materials", gltf.Material(name=side, pbrMetallicRoughness=look))
-    start_s = min(float(p.poses.time_s[0]) for p in scene.performers)
-    end_s = max(float(p.poses.time_s[-1]) for p in scene.performers)
+    start_s = min(float(p.poses.time_s[0]) for p in scene.dancers)
+    end_s = max(float(p.poses.time_s[-1]) for p in scene.dancers)
     places, notes = _placed(scene)
     roots = []
-    for performer, place in zip(scene.performers, places, strict=True):
-        roots += _add_dancer(build, performer, place, start_s, end_s)
+    for dancer, place in zip(scene.dancers, places, strict=True):
+        roots += _add_dancer(build, dancer, place, start_s, end_s)
     extras = {
         "unit": scene.unit,
         "axes": AXES,
@@ -122,26 +122,24 @@ def write_gltf(path: Path, scene: ExportScene) -> tuple[str, ...]:
 
 def _placed(scene: ExportScene) -> tuple[FloatArray, list[str]]:
     """(N, 3) offsets that put dancers of unknown path side by side on the floor; what was done."""
-    places = np.zeros((len(scene.performers), 3))
-    if all(p.poses.root is not None for p in scene.performers):
+    places = np.zeros((len(scene.dancers), 3))
+    if all(p.poses.root is not None for p in scene.dancers):
         return places, []
     middle = (len(places) - 1) / 2
     places[:, 0] = (np.arange(len(places)) - middle) * SPACING[scene.unit]
-    places[:, 1] = [-np.nan_to_num(floor_height(p.places)) for p in scene.performers]
+    places[:, 1] = [-np.nan_to_num(floor_height(p.places)) for p in scene.dancers]
     return places, ["dancers stand on the floor side by side: their path is not known"]
 
 
 def _add_dancer(
-    build: _Builder, performer: Performer, place: FloatArray, start_s: float, end_s: float
+    build: _Builder, dancer: SceneDancer, place: FloatArray, start_s: float, end_s: float
 ) -> list[int]:
     """Nodes, skin, mesh and animation of one dancer; the nodes at the top of the scene."""
-    poses, gltf = performer.poses, build.gltf
+    poses, gltf = dancer.poses, build.gltf
     known = is_known(poses.xyz)
-    xyz = bridged(poses.time_s, performer.places)
-    rig = make_rig(poses.time_s, xyz, performer.skeleton)
-    top = build.add(
-        "nodes", gltf.Node(name=performer.name, translation=place.tolist(), children=[])
-    )
+    xyz = bridged(poses.time_s, dancer.places)
+    rig = make_rig(poses.time_s, xyz, dancer.skeleton)
+    top = build.add("nodes", gltf.Node(name=dancer.name, translation=place.tolist(), children=[]))
     first = top + 1
     for i, node in enumerate(rig.nodes):
         children = [first + c for c, other in enumerate(rig.nodes) if other.parent == i]
@@ -149,22 +147,22 @@ def _add_dancer(
         build.add(
             "nodes",
             gltf.Node(
-                name=f"{performer.name} {node.name}",
+                name=f"{dancer.name} {node.name}",
                 translation=offset.tolist(),
                 children=children or None,
             ),
         )
     build.parts["nodes"][top].children = [first]
-    body = _add_body(build, performer, rig, first)
+    body = _add_body(build, dancer, rig, first)
     if known.any():
-        _add_motion(build, performer, rig, xyz, first, start_s)
-        _add_presence(build, performer, top, start_s, end_s)
+        _add_motion(build, dancer, rig, xyz, first, start_s)
+        _add_presence(build, dancer, top, start_s, end_s)
     return [top, body]
 
 
-def _add_body(build: _Builder, performer: Performer, rig: Rig, first: int) -> int:
+def _add_body(build: _Builder, dancer: SceneDancer, rig: Rig, first: int) -> int:
     """The skinned mesh; the index of its node."""
-    gltf, mesh = build.gltf, make_mesh(rig, performer.skeleton)
+    gltf, mesh = build.gltf, make_mesh(rig, dancer.skeleton)
     attributes = gltf.Attributes(
         POSITION=build.accessor(mesh.positions, _VERTICES),
         NORMAL=build.accessor(mesh.normals, _VERTICES),
@@ -179,12 +177,12 @@ def _add_body(build: _Builder, performer: Performer, rig: Rig, first: int) -> in
         )
         for side, faces in mesh.triangles.items()
     ]
-    shape = build.add("meshes", gltf.Mesh(name=performer.name, primitives=primitives))
+    shape = build.add("meshes", gltf.Mesh(name=dancer.name, primitives=primitives))
     joints = list(range(first, first + len(rig.nodes)))
     skin = gltf.Skin(
         inverseBindMatrices=build.accessor(_unbinding(rig)), joints=joints, skeleton=first
     )
-    node = gltf.Node(name=f"{performer.name} body", mesh=shape, skin=build.add("skins", skin))
+    node = gltf.Node(name=f"{dancer.name} body", mesh=shape, skin=build.add("skins", skin))
     return build.add("nodes", node)
 
 
@@ -201,36 +199,36 @@ def _unbinding(rig: Rig) -> FloatArray:
 
 def _add_motion(
     build: _Builder,
-    performer: Performer,
+    dancer: SceneDancer,
     rig: Rig,
     xyz: FloatArray,
     first: int,
     start_s: float,
 ) -> None:
     """Key frames where a pose is known: turns of all nodes, and their true distances."""
-    known = is_known(performer.poses.xyz)
-    times = build.accessor(performer.poses.time_s[known, None] - start_s)
-    rest = rest_directions(performer.skeleton)
+    known = is_known(dancer.poses.xyz)
+    times = build.accessor(dancer.poses.time_s[known, None] - start_s)
+    rest = rest_directions(dancer.skeleton)
     for i, node in enumerate(rig.nodes):
         build.animate(first + i, "rotation", times, rig.turns[known, i], "LINEAR")
         before = rig.nodes[node.parent].bone if node.parent >= 0 else None
         if node.parent < 0:
             build.animate(first + i, "translation", times, rig.root[known], "LINEAR")
         elif before is not None:
-            start, end = performer.skeleton.bones[before]
+            start, end = dancer.skeleton.bones[before]
             length = np.linalg.norm(xyz[known, end] - xyz[known, start], axis=1, keepdims=True)
             path = np.nan_to_num(length, nan=rig.lengths[before]) * rest[before]
             build.animate(first + i, "translation", times, path, "LINEAR")
 
 
 def _add_presence(
-    build: _Builder, performer: Performer, top: int, start_s: float, end_s: float
+    build: _Builder, dancer: SceneDancer, top: int, start_s: float, end_s: float
 ) -> None:
     """Hide the mannequin where there is no pose: its size is 0 there."""
-    poses = performer.poses
+    poses = dancer.poses
     pause = step_s(poses.time_s)
     keys: list[tuple[float, float]] = [(0.0, 0.0)]
-    for run in runs(poses.time_s, is_known(poses.xyz)):
+    for run in runs(poses.time_s, is_known(poses.xyz), poses.frame):
         begin, end = poses.time_s[run[0]] - start_s, poses.time_s[run[-1]] - start_s
         keys = [key for key in keys if key[0] < begin - 1e-6]
         keys.append((float(begin), 1.0))

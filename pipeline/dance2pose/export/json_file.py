@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.angles import track_angles
-from dance2pose.export.scene import AXES, ExportScene, Performer
+from dance2pose.export.scene import AXES, ExportScene, SceneDancer
 
 FORMAT = "dance2pose poses"
 VERSION = 1
@@ -25,17 +25,17 @@ def write_json(path: Path, scene: ExportScene) -> tuple[str, ...]:
         "axes": AXES,
         "time": "seconds from the start of the video, of each frame",
         "provenance": json.loads(scene.provenance_json()),
-        "dancers": [_dancer(performer) for performer in scene.performers],
+        "dancers": [_dancer(dancer) for dancer in scene.dancers],
     }
     with path.open("w", encoding="utf-8") as file:
         json.dump(content, file, ensure_ascii=False, allow_nan=False)
     return ()
 
 
-def _dancer(performer: Performer) -> dict[str, Any]:
-    poses, skeleton = performer.poses, performer.skeleton
+def _dancer(dancer: SceneDancer) -> dict[str, Any]:
+    poses, skeleton = dancer.poses, dancer.skeleton
     content: dict[str, Any] = {
-        "person": performer.person,
+        "person": dancer.person,
         "shot": poses.shot,
         "skeleton": skeleton.name,
         "joints": list(skeleton.joints),
@@ -56,7 +56,7 @@ def _dancer(performer: Performer) -> dict[str, Any]:
             for name, curve in track_angles(poses).items()
         },
     }
-    track = performer.keypoints
+    track = dancer.keypoints
     if track is not None:
         content["keypoints"] = {
             "skeleton": track.skeleton,

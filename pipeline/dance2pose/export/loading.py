@@ -9,7 +9,7 @@ from typing import Any
 
 from dance2pose.errors import DataError
 from dance2pose.exchange import read_poses, read_provenance, read_track
-from dance2pose.export.scene import ExportScene, Performer
+from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.poses import Track2D
 
 
@@ -33,15 +33,15 @@ def load_scene(result: Path, *, video: Path | None = None) -> ExportScene:
     poses = poses_file(result)
     if video is not None and not video.is_file():
         raise DataError(f"{video}: no such video file")
-    performers = [_performer(path) for path in (poses, *_others(poses))]
-    people = [p.person for p in performers]
+    dancers = [_dancer(path) for path in (poses, *_others(poses))]
+    people = [p.person for p in dancers]
     if len(set(people)) < len(people):
         raise DataError(
             f"{poses}: the files beside it hold the same dancer twice ({people}); "
             "they come from different runs, move those that do not belong away"
         )
     provenance = read_provenance(poses)
-    return ExportScene(tuple(performers), video or _video(poses.parent, provenance), provenance)
+    return ExportScene(tuple(dancers), video or _video(poses.parent, provenance), provenance)
 
 
 def poses_file(result: Path) -> Path:
@@ -75,9 +75,9 @@ def _others(poses: Path) -> list[Path]:
     return [found[number] for number in sorted(found)]
 
 
-def _performer(path: Path) -> Performer:
+def _dancer(path: Path) -> SceneDancer:
     poses = read_poses(path)
-    return Performer(poses, _keypoints(path.with_name(f"{path.stem}.track.npz"), poses.person))
+    return SceneDancer(poses, _keypoints(path.with_name(f"{path.stem}.track.npz"), poses.person))
 
 
 def _keypoints(path: Path, person: int) -> Track2D | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dance2pose.export.scene import Performer
+from dance2pose.export.scene import SceneDancer
 from dance2pose.skeleton import Skeleton
 
 _WHOLE = {"pelvis": "CHip", "root": "CHip", "neck": "Neck", "upper_back": "Neck", "head": "Head"}
@@ -14,13 +14,13 @@ def marker_names(skeleton: Skeleton) -> tuple[str, ...]:
     return tuple(_marker(joint) for joint in skeleton.joints)
 
 
-def labelled(performers: tuple[Performer, ...]) -> list[str]:
-    """Marker names of all performers, with the dancer in front where there are several."""
-    several = len(performers) > 1
+def labelled(dancers: tuple[SceneDancer, ...]) -> list[str]:
+    """Marker names of all dancers, with the dancer in front where there are several."""
+    several = len(dancers) > 1
     return [
-        f"{performer.name}:{name}" if several else name
-        for performer in performers
-        for name in marker_names(performer.skeleton)
+        f"{dancer.name}:{name}" if several else name
+        for dancer in dancers
+        for name in marker_names(dancer.skeleton)
     ]
 
 

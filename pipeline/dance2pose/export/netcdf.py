@@ -23,17 +23,17 @@ _MAX_BYTES = 2**31 - 4
 
 def write_netcdf(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write all dancers of the scene, who must share one skeleton."""
-    skeletons = {p.skeleton.name for p in scene.performers}
+    skeletons = {p.skeleton.name for p in scene.dancers}
     if len(skeletons) > 1:
         raise UsageError(
             f"{path}: movement has one skeleton, not {' and '.join(sorted(skeletons))}"
         )
-    times = np.unique(np.concatenate([p.poses.time_s for p in scene.performers]))
-    joints = scene.performers[0].skeleton.joints
-    position = np.full((len(times), 3, len(joints), len(scene.performers)), np.nan)
-    for i, performer in enumerate(scene.performers):
-        rows = np.searchsorted(times, performer.poses.time_s)
-        position[rows, :, :, i] = performer.places.transpose(0, 2, 1)
+    times = np.unique(np.concatenate([p.poses.time_s for p in scene.dancers]))
+    joints = scene.dancers[0].skeleton.joints
+    position = np.full((len(times), 3, len(joints), len(scene.dancers)), np.nan)
+    for i, dancer in enumerate(scene.dancers):
+        rows = np.searchsorted(times, dancer.poses.time_s)
+        position[rows, :, :, i] = dancer.places.transpose(0, 2, 1)
     if position.nbytes > _MAX_BYTES:
         raise UsageError(f"{path}: {len(times)} frames are too many for netCDF; use .parquet")
     with netcdf_file(str(path), "w", version=2) as file:
@@ -41,7 +41,7 @@ def write_netcdf(path: Path, scene: ExportScene) -> tuple[str, ...]:
         _coordinate(file, "time", times)
         _texts(file, "space", ("x", "y", "z"))
         _texts(file, "keypoints", joints)
-        _texts(file, "individuals", [p.name for p in scene.performers])
+        _texts(file, "individuals", [p.name for p in scene.dancers])
         place = file.createVariable("position", "d", ("time", "space", "keypoints", "individuals"))
         place[:] = position
         place.units = scene.unit

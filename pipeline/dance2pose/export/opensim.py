@@ -11,7 +11,7 @@ import numpy as np
 
 from dance2pose.angles import pelvis_rotation, track_angles
 from dance2pose.export.names import labelled
-from dance2pose.export.scene import ExportScene, Performer
+from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.export.together import on_one_clock
 from dance2pose.poses import FloatArray, Unit
 
@@ -33,7 +33,7 @@ _LIMB_COORDINATES = {
 def write_trc(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write all dancers of the scene; returns what the form could not keep."""
     motion = on_one_clock(scene)
-    labels = labelled(scene.performers)
+    labels = labelled(scene.dancers)
     unit, per_unit = _TRC[scene.unit]
     rate, frames = f"{motion.rate:.10g}", len(motion.xyz)
     lines = [
@@ -58,10 +58,10 @@ def write_trc(path: Path, scene: ExportScene) -> tuple[str, ...]:
 
 def write_mot(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write the angles of the one dancer of the scene, at the true times of the frames."""
-    (performer,) = scene.performers
-    columns = coordinates(performer)
+    (dancer,) = scene.dancers
+    columns = coordinates(dancer)
     names = ["time", *columns]
-    values = np.column_stack([performer.poses.time_s, *columns.values()])
+    values = np.column_stack([dancer.poses.time_s, *columns.values()])
     lines = [
         _title(scene),
         "version=1",
@@ -83,14 +83,14 @@ def _title(scene: ExportScene) -> str:
     return f"{stem}_dance2pose"
 
 
-def coordinates(performer: Performer) -> dict[str, FloatArray]:
+def coordinates(dancer: SceneDancer) -> dict[str, FloatArray]:
     """OpenSim's coordinates by name, (T,) degrees (and metres for the place of the pelvis).
 
     The pelvis is taken as one piece with the trunk, which is what the joints show of it; so the
     hips bend against the trunk, and the lumbar joint only turns.
     """
-    angles = track_angles(performer.poses)
-    columns = _pelvis(performer)
+    angles = track_angles(dancer.poses)
+    columns = _pelvis(dancer)
     for side in ("r", "l"):
         whole = "right" if side == "r" else "left"
         for name, (angle, sign) in _LIMB_COORDINATES.items():
@@ -101,13 +101,13 @@ def coordinates(performer: Performer) -> dict[str, FloatArray]:
     return columns
 
 
-def _pelvis(performer: Performer) -> dict[str, FloatArray]:
-    degrees = pelvis_rotation(performer.poses)
+def _pelvis(dancer: SceneDancer) -> dict[str, FloatArray]:
+    degrees = pelvis_rotation(dancer.poses)
     columns = {
         name: degrees[:, i]
         for i, name in enumerate(("pelvis_tilt", "pelvis_list", "pelvis_rotation"))
     }
-    if performer.poses.unit == "metres" and performer.poses.root is not None:
+    if dancer.poses.unit == "metres" and dancer.poses.root is not None:
         for axis, name in enumerate(("pelvis_tx", "pelvis_ty", "pelvis_tz")):
-            columns[name] = performer.poses.root[:, axis]
+            columns[name] = dancer.poses.root[:, axis]
     return columns

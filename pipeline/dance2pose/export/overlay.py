@@ -37,7 +37,7 @@ def write_overlay(path: Path, scene: ExportScene) -> tuple[str, ...]:
     if scene.video is None:
         raise UsageError(f"{path}: the result does not name its video; give it with --video")
     draw: _Drawing | None = None
-    start_s = min(float(p.poses.time_s[0]) for p in scene.performers)
+    start_s = min(float(p.poses.time_s[0]) for p in scene.dancers)
     try:
         with av.open(str(path), "w", format="mp4") as container:
             container.metadata["comment"] = f"dance2pose; time 0 is {start_s:.6f} s of the video"
@@ -74,9 +74,9 @@ def _open_stream(container: Any, image: Image) -> Any:
 def _frames(scene: ExportScene) -> Iterator[Frame]:
     """The processed frames of the video, from the first dancer's to the last one's."""
     assert scene.video is not None
-    numbers = np.unique(np.concatenate([p.poses.frame for p in scene.performers]))
+    numbers = np.unique(np.concatenate([p.poses.frame for p in scene.dancers]))
     every = reduce(np.gcd, np.diff(numbers), 0) or 1
-    start_s = min(float(p.poses.time_s[0]) for p in scene.performers)
+    start_s = min(float(p.poses.time_s[0]) for p in scene.dancers)
     with open_video(scene.video, start_s=max(0.0, start_s - 1e-4) or None) as frames:
         for frame in frames:
             if frame.index > numbers[-1]:
@@ -92,12 +92,12 @@ class _Drawing:
         height, width = image.shape[:2]
         self._scale = float(np.clip(1.0, _SHORTEST / height, _TALLEST / height))
         self._size = _even(width * self._scale), _even(height * self._scale)
-        self._performers = scene.performers
+        self._dancers = scene.dancers
         self._rows = [
-            {int(frame): row for row, frame in enumerate(p.poses.frame)} for p in scene.performers
+            {int(frame): row for row, frame in enumerate(p.poses.frame)} for p in scene.dancers
         ]
         self._places = []
-        for p in scene.performers:
+        for p in scene.dancers:
             floor = np.nan_to_num(floor_height(p.places)) if p.poses.root is None else 0.0
             self._places.append(p.places - np.array([0.0, float(floor), 0.0]))
         everywhere = np.concatenate([places.reshape(-1, 3) for places in self._places])
@@ -108,19 +108,17 @@ class _Drawing:
     def __call__(self, frame: Frame) -> Image:
         film: Image = cv2.resize(frame.image, self._size).astype(np.uint8)
         room = self._empty.copy()
-        for performer, rows, places in zip(self._performers, self._rows, self._places, strict=True):
+        for dancer, rows, places in zip(self._dancers, self._rows, self._places, strict=True):
             row = rows.get(frame.index)
             if row is None:
                 continue
-            track = performer.keypoints
+            track = dancer.keypoints
             if track is not None:
                 here = np.searchsorted(track.frame, frame.index)
                 if here < len(track) and track.frame[here] == frame.index:
                     xy = (track.xy[here] + 0.5) * self._scale - 0.5
-                    draw_skeleton(film, xy, get(track.skeleton), performer.person)
-            draw_skeleton(
-                room, self._room.project(places[row]), performer.skeleton, performer.person
-            )
+                    draw_skeleton(film, xy, get(track.skeleton), dancer.person)
+            draw_skeleton(room, self._room.project(places[row]), dancer.skeleton, dancer.person)
         return np.hstack([film, room])
 
 

@@ -17,7 +17,7 @@ AXES = "x right, y up, z towards the viewer; right-handed"
 
 
 @dataclass(frozen=True)
-class Performer:
+class SceneDancer:
     """One dancer: joints, and the keypoints that they were lifted from where they are at hand."""
 
     poses: Track3D
@@ -46,20 +46,20 @@ class Performer:
 class ExportScene:
     """The dancers of one result.
 
-    performers: at least one, all in one unit. video: the file that they were seen in, or None.
+    dancers: at least one, all in one unit. video: the file that they were seen in, or None.
     provenance: where the result comes from, as plain values that JSON can hold.
 
-    Raises UsageError without a performer, and for performers in different units.
+    Raises UsageError without a dancer, and for dancers in different units.
     """
 
-    performers: tuple[Performer, ...]
+    dancers: tuple[SceneDancer, ...]
     video: Path | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.performers:
+        if not self.dancers:
             raise UsageError("there is no dancer to export")
-        units = sorted({p.poses.unit for p in self.performers})
+        units = sorted({p.poses.unit for p in self.dancers})
         if len(units) > 1:
             raise UsageError(f"dancers in different units ({' and '.join(units)}) make no scene")
 
@@ -67,15 +67,15 @@ class ExportScene:
     def of(cls, poses: Track3D | Sequence[Track3D], **rest: Any) -> ExportScene:
         """A scene of poses alone."""
         tracks = [poses] if isinstance(poses, Track3D) else list(poses)
-        return cls(tuple(Performer(track) for track in tracks), **rest)
+        return cls(tuple(SceneDancer(track) for track in tracks), **rest)
 
     @property
     def unit(self) -> Unit:
-        return self.performers[0].poses.unit
+        return self.dancers[0].poses.unit
 
-    def alone(self, performer: Performer) -> ExportScene:
-        """The same scene with one of its performers."""
-        return replace(self, performers=(performer,))
+    def alone(self, dancer: SceneDancer) -> ExportScene:
+        """The same scene with one of its dancers."""
+        return replace(self, dancers=(dancer,))
 
     def provenance_json(self) -> str:
         """Provenance as one line of JSON, with the program's name and version."""

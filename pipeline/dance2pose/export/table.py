@@ -18,7 +18,7 @@ import pyarrow.parquet
 
 from dance2pose.angles import track_angles
 from dance2pose.errors import UsageError
-from dance2pose.export.scene import AXES, UNIT_SUFFIX, ExportScene, Performer
+from dance2pose.export.scene import AXES, UNIT_SUFFIX, ExportScene, SceneDancer
 from dance2pose.poses import Track2D
 from dance2pose.skeleton import get
 
@@ -39,8 +39,8 @@ def write_long(path: Path, scene: ExportScene) -> tuple[str, ...]:
 
 def write_keypoints(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """One row a dancer, frame and keypoint of the picture, hands and face where seen."""
-    tracks = [p.keypoints for p in scene.performers if p.keypoints is not None]
-    if len(tracks) < len(scene.performers):
+    tracks = [p.keypoints for p in scene.dancers if p.keypoints is not None]
+    if len(tracks) < len(scene.dancers):
         raise UsageError(
             f"{path}: the result has no keypoints; they are read from its .track.npz files"
         )
@@ -57,12 +57,12 @@ def write_parquet(path: Path, scene: ExportScene) -> tuple[str, ...]:
     return ()
 
 
-def wide_columns(performer: Performer) -> Columns:
+def wide_columns(dancer: SceneDancer) -> Columns:
     """Columns (T,) of one dancer by name."""
-    poses, unit = performer.poses, UNIT_SUFFIX[performer.poses.unit]
-    columns = _row_columns(performer)
-    places = performer.places
-    for j, joint in enumerate(performer.skeleton.joints):
+    poses, unit = dancer.poses, UNIT_SUFFIX[dancer.poses.unit]
+    columns = _row_columns(dancer)
+    places = dancer.places
+    for j, joint in enumerate(dancer.skeleton.joints):
         for axis, letter in enumerate("xyz"):
             columns[f"{joint}_{letter}_{unit}"] = places[:, j, axis]
         if poses.sigma is not None:
@@ -74,13 +74,13 @@ def wide_columns(performer: Performer) -> Columns:
     return columns
 
 
-def long_columns(performer: Performer) -> Columns:
+def long_columns(dancer: SceneDancer) -> Columns:
     """Columns (T * J,) of one dancer by name; the joints of a frame follow one another."""
-    poses, unit = performer.poses, UNIT_SUFFIX[performer.poses.unit]
+    poses, unit = dancer.poses, UNIT_SUFFIX[dancer.poses.unit]
     frames, joints = poses.xyz.shape[:2]
-    columns = {name: np.repeat(values, joints) for name, values in _row_columns(performer).items()}
-    columns["joint"] = np.tile(performer.skeleton.joints, frames)
-    places = performer.places
+    columns = {name: np.repeat(values, joints) for name, values in _row_columns(dancer).items()}
+    columns["joint"] = np.tile(dancer.skeleton.joints, frames)
+    places = dancer.places
     for axis, letter in enumerate("xyz"):
         columns[f"{letter}_{unit}"] = places[..., axis].ravel()
     if poses.sigma is not None:
@@ -107,18 +107,18 @@ def keypoint_columns(track: Track2D) -> Columns:
     return columns
 
 
-def _row_columns(performer: Performer) -> dict[str, Any]:
-    poses = performer.poses
+def _row_columns(dancer: SceneDancer) -> dict[str, Any]:
+    poses = dancer.poses
     return {
-        "dancer": np.full(len(poses), performer.person),
+        "dancer": np.full(len(poses), dancer.person),
         "shot": np.full(len(poses), poses.shot),
         "frame": poses.frame,
         "time_s": poses.time_s,
     }
 
 
-def _stacked(scene: ExportScene, columns: Callable[[Performer], Columns]) -> pa.Table:
-    return _joined([columns(performer) for performer in scene.performers])
+def _stacked(scene: ExportScene, columns: Callable[[SceneDancer], Columns]) -> pa.Table:
+    return _joined([columns(dancer) for dancer in scene.dancers])
 
 
 def _joined(parts: Sequence[Columns]) -> pa.Table:

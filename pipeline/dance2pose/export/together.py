@@ -13,7 +13,7 @@ from dance2pose.poses import FloatArray
 
 @dataclass(frozen=True)
 class Together:
-    """Joints of all performers one after another. xyz: (T, J1 + J2 + …, 3), NaN where a dancer
+    """Joints of all dancers one after another. xyz: (T, J1 + J2 + …, 3), NaN where a dancer
     is not there."""
 
     rate: float
@@ -26,9 +26,9 @@ class Together:
 
 
 def on_one_clock(scene: ExportScene) -> Together:
-    """All performers at the highest of their rates, from the first of their frames to the last."""
-    rate = max(frame_rate(p.poses.time_s) for p in scene.performers)
-    motions = [even(p.poses.time_s, p.places, rate) for p in scene.performers]
+    """All dancers at the highest of their rates, from the first of their frames to the last."""
+    rate = max(frame_rate(p.poses.time_s) for p in scene.dancers)
+    motions = [even(p.poses.time_s, p.places, rate, frame=p.poses.frame) for p in scene.dancers]
     first = min(m.first for m in motions)
     last = max(m.first + len(m.xyz) for m in motions)
     return Together(rate, first, np.concatenate([_placed(m, first, last) for m in motions], axis=1))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from dance2pose.errors import UsageError
 from dance2pose.export.extras import need
 from dance2pose.export.forms import Form, find_form
-from dance2pose.export.scene import ExportScene, Performer
+from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.outputs import plan_outputs
 from dance2pose.poses import Track3D
 
@@ -67,10 +67,10 @@ def write_form(
     if form.several_dancers:
         return form.write(place(None), scene)
     notes: dict[str, None] = {}
-    for performer in scene.performers:
-        first = performer is scene.performers[0]
-        found = form.write(place(None if first else performer.person), scene.alone(performer))
-        who = f"dancer {performer.person}: " if len(scene.performers) > 1 else ""
+    for dancer in scene.dancers:
+        first = dancer is scene.dancers[0]
+        found = form.write(place(None if first else dancer.person), scene.alone(dancer))
+        who = f"dancer {dancer.person}: " if len(scene.dancers) > 1 else ""
         notes.update(dict.fromkeys(f"{who}{note}" for note in found))
     return tuple(notes)
 
@@ -83,7 +83,7 @@ def check(form: Form, scene: ExportScene | None = None) -> None:
         return
     if form.needs_video and scene.video is None:
         raise UsageError(f"{form.name}: the result does not name its video; give it with --video")
-    if form.needs_keypoints and any(p.keypoints is None for p in scene.performers):
+    if form.needs_keypoints and any(p.keypoints is None for p in scene.dancers):
         raise UsageError(
             f"{form.name}: the result has no keypoints; they are read from its .track.npz files"
         )
@@ -95,5 +95,5 @@ def scene_of(result: Any) -> ExportScene:
         return result
     if isinstance(result, Track3D):
         return ExportScene.of(result)
-    performers = tuple(Performer(d.smoothed, d.keypoints) for d in result.dancers)
-    return ExportScene(performers, result.source.path, result.about())
+    dancers = tuple(SceneDancer(d.smoothed, d.keypoints) for d in result.dancers)
+    return ExportScene(dancers, result.source.path, result.about())
