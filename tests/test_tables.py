@@ -76,7 +76,7 @@ def test_two_rows_a_frame_with_nobody_named_are_refused(tmp_path: Path) -> None:
         _smoothed(tmp_path, "frame,person,x\n0,a,1\n0,b,1\n1,a,2\n1,a,3\n1,b,2\n")
 
 
-@pytest.mark.parametrize("clock", ["time", "frame"])
+@pytest.mark.parametrize("clock", ["time", "frame", "coords", ""])
 def test_absent_rows_are_holes_by_time_and_by_frame(tmp_path: Path, clock: str) -> None:
     there = [t for t in range(30) if t not in (11, 12, 13)]
     text = f"{clock},x\n" + "".join(f"{t},{0 if t < 12 else 100}\n" for t in there)

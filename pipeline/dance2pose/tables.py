@@ -28,7 +28,8 @@ _KEPT_WORDS = {
     *("confidence", "score", "likelihood", "visibility", "presence", "valid", "interpolated"),
     *("estimated", "error", "sigma"),
 }
-_KEPT_NAMES = {"", "t", "index", "coords"}  # "coords" heads the frame numbers of DeepLabCut
+_COUNTED = {"", "index", "coords"}  # "coords" heads the frame numbers of DeepLabCut
+_KEPT_NAMES = {"t", *_COUNTED}
 TIME_NAMES = {"time", "time_s", "t", "seconds", "time (s)", "time(s)", "timestamp_s"}
 FRAME_NAMES = {"frame", "frames", "frame#", "frame_idx", "frame_id", "frame_index", "frame_number"}
 # Rows that differ in one of these columns are of different people, takes or joints.
@@ -232,6 +233,8 @@ def _read_csv(rows: Rows) -> Table:
         raise DataError(f"{path}: no column of numbers beside {', '.join(names) or 'nothing'}")
     time = next((c for c, name in enumerate(lower) if name in TIME_NAMES), None)
     frame = next((c for c, name in enumerate(lower) if name in FRAME_NAMES), None)
+    if frame is None and lower[0] in _COUNTED and _counts(rows, cells):
+        frame = 0
     groups = tuple(c for c, name in enumerate(lower) if name in GROUP_NAMES and _repeats(cells, c))
     table = Table(rows, tuple(rows.lines[:start]), names, cells, moving, time, frame, groups)
     _check_numbers(table, start + 1)

@@ -157,7 +157,8 @@ def _smooth_table(source: Path, output: Path, how: Smoothing, *, overwrite: bool
             empty=True,
         )
     write_table(output, table, values, overwrite=overwrite)
-    kept = ", ".join(n or "(unnamed)" for c, n in enumerate(table.names) if c not in table.moving)
+    others = [n or "(unnamed)" for c, n in enumerate(table.names) if c not in table.moving]
+    kept = ", ".join(dict.fromkeys(others))
     whose = ""
     if len(members) > 1:
         columns = " and ".join(table.names[c] for c in table.groups)
