@@ -1,6 +1,6 @@
 """Learn the joint-angle limits of the lifting skeletons from motion capture.
 
-    python scripts/learn_limits.py SHARED/mocap/train -o models
+    python scripts/learn_limits.py SHARED/mocap/train SHARED/mocap/train_positions -o models
 
 Writes limits_cmu17.npz, limits_paper15.npz and limits_body17.npz. The same source, settings and
 NumPy/SciPy versions give the same files. Never give it takes that are evaluated on.
@@ -35,7 +35,7 @@ from dance2pose.limits.learning import (
 from dance2pose.mocap.corpus import read_takes
 from dance2pose.progress import PlainLines
 
-SCRIPT_VERSION = "1"
+SCRIPT_VERSION = "2"
 SKELETONS = ("cmu17", "paper15", "body17")
 LICENCE = (
     "Learned from the CMU Motion Capture Database (mocap.cs.cmu.edu), which is free for research "
@@ -65,7 +65,7 @@ def learn(options: argparse.Namespace) -> None:
     margins = Margins(options.occupancy_deg, options.region_deg)
     for skeleton in options.skeleton or SKELETONS:
         takes = [take for source in options.source for take in read_takes(source, skeleton)]
-        poses = training_poses(takes, ObservationSettings.rate_hz)
+        poses, take = training_poses(takes, ObservationSettings.rate_hz)
         metadata = {
             "script": f"learn_limits.py {SCRIPT_VERSION}",
             "sources": sorted(take.name for take in takes),
@@ -74,7 +74,7 @@ def learn(options: argparse.Namespace) -> None:
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         }
-        learned = widen(observe(poses, skeleton), margins, metadata)
+        learned = widen(observe(poses, skeleton, take=take), margins, metadata)
         path = options.output / f"limits_{skeleton}.npz"
         limits.save(learned, path, overwrite=True)
         print(f"{path}: {len(learned.axes)} regions from {len(poses)} poses")

@@ -14,7 +14,9 @@ from dance2pose.body import body_bones_mm
 from dance2pose.errors import UsageError
 from dance2pose.lifting.lift import lift
 from dance2pose.lifting.lifted import Observed
-from dance2pose.lifting.temporal.sequence import LONGEST_GAP_S, SequenceSettings, lift_frames
+from dance2pose.lifting.temporal.one_body import SequenceSettings
+from dance2pose.lifting.temporal.sequence import lift_frames
+from dance2pose.lifting.temporal.track_rows import LONGEST_GAP_S
 from dance2pose.limits import model as limits
 from dance2pose.mocap.corpus import Take, read_take, resample
 from dance2pose.poses import FloatArray, Timeline, Track2D

@@ -5,6 +5,8 @@ Lengths in mm; bone b of a lifting skeleton ends at joint b + 1.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dance2pose.errors import UsageError
@@ -30,6 +32,19 @@ _BODY17_FRACTIONS = np.array(
     [0.288, *(0.110, 0.180, 0.146) * 2, 0.112, *(0.056, 0.245, 0.246, 0.115) * 2]
 )
 BODY17_BONES_MM: FloatArray = _BODY17_FRACTIONS * BODY_HEIGHT_MM
+
+
+@dataclass(frozen=True)
+class Body:
+    """The bone lengths of one dancer.
+
+    lengths_mm: (J - 1,) of a lifting skeleton, scaled to the sum that the one body's have: one
+    camera does not tell sizes. spread: (J - 1,) standard deviation of each, as a part of it.
+    """
+
+    skeleton: str
+    lengths_mm: FloatArray
+    spread: FloatArray
 
 
 def body_bones_mm(skeleton: str) -> FloatArray:

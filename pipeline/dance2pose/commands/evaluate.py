@@ -19,6 +19,7 @@ def evaluate(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     ablate: bool = EvaluationSettings.ablate,
+    only_own_bodies: bool = EvaluationSettings.only_own_bodies,
     window: int = EvaluationSettings.window,
     views: int = EvaluationSettings.views,
     tilt_deg: float = EvaluationSettings.tilt_deg,
@@ -42,6 +43,8 @@ def evaluate(
     ablate
         Also run the paper's lifter without limits, without its anthropometric constraint, and
         with other numbers of atoms.
+    only_own_bodies
+        Only the default lifter on performers' own bodies and on drawn ones.
     window
         Window of the temporal models, frames.
     views
@@ -71,7 +74,13 @@ def evaluate(
             limits = read_authors_limits(authors_limits / name, pose)
             published.append((f"Akhter & Black, {name}", limits))
     settings = EvaluationSettings(
-        views=views, tilt_deg=tilt_deg, seed=seed, window=window, rate_hz=rate_hz, ablate=ablate
+        views=views,
+        tilt_deg=tilt_deg,
+        seed=seed,
+        window=window,
+        rate_hz=rate_hz,
+        ablate=ablate,
+        only_own_bodies=only_own_bodies,
     )
     files = run(
         data,

@@ -1,4 +1,4 @@
-"""Known motion as cameras see it: the scenes of the experiments."""
+"""Known motion as cameras see it: the scenes of the experiments, and how they are spoiled."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ IMAGE_SIZE = (1920, 1080)
 
 @dataclass(frozen=True)
 class Scene:
-    """A take in front of one orthographic camera.
+    """A take in front of one camera.
 
     take: its name. azimuth_deg: the camera's way around the dancer; tilt_deg: how far it looks
     down. truth: (T, J, 3) mm in world axes as that camera sees them (x right, y up, z towards the
-    viewer), first joint at the origin. xy: (T, J, 2) mm, y up, what is given to the lifters; NaN
-    where a joint is missing.
+    viewer), first joint at the origin. xy: (T, J, 2) mm, y up, from the picture's middle, what is
+    given to the lifters; NaN where a joint is missing. fov_deg: of a perspective camera, whose xy
+    are mm at the dancer's usual distance; None for an orthographic one.
     """
 
     take: str
@@ -34,11 +35,15 @@ class Scene:
     skeleton: str
     truth: FloatArray
     xy: FloatArray
+    fov_deg: float | None = None
+    mm_per_pixel: float = MM_PER_PIXEL
 
     def observed(self, *, independent: bool = False) -> Observed:
         """The scene as a lifter takes it: pixels, y up, confidence 1 (0 where missing)."""
         width, height = IMAGE_SIZE
-        pixels = self.xy / MM_PER_PIXEL + np.array([width / 2, -height / 2])
+        # A perspective camera's principal point is where `perspective.camera_of` has it.
+        middle = (width, height) if self.fov_deg is None else (width - 1, height - 1)
+        pixels = self.xy / self.mm_per_pixel + np.array([middle[0] / 2, -middle[1] / 2])
         return Observed(
             xy=pixels,
             confidence=np.isfinite(self.xy).all(axis=-1).astype(float),
@@ -46,6 +51,8 @@ class Scene:
             skeleton=self.skeleton,
             image_size=IMAGE_SIZE,
             independent=independent,
+            camera="weak-perspective" if self.fov_deg is None else "perspective",
+            fov_deg=self.fov_deg,
         )
 
 
@@ -92,6 +99,21 @@ def scenes(
 def with_noise(scene: Scene, rng: np.random.Generator, *, sigma_mm: float) -> Scene:
     """Gaussian noise on every coordinate of every joint, independent from frame to frame."""
     return replace(scene, xy=scene.xy + rng.normal(0.0, sigma_mm, scene.xy.shape))
+
+
+def with_slow_errors(
+    scene: Scene, rng: np.random.Generator, *, sigma_mm: float, lasting_s: float
+) -> Scene:
+    """Errors that last, as keypoint models make them while a pose looks alike.
+
+    An Ornstein-Uhlenbeck process of each coordinate of each joint, with that standard deviation
+    and correlation time.
+    """
+    keep = np.exp(-1 / (scene.rate_hz * lasting_s))
+    off = rng.standard_normal(scene.xy.shape)
+    for frame in range(1, len(off)):
+        off[frame] = keep * off[frame - 1] + np.sqrt(1 - keep**2) * off[frame]
+    return replace(scene, xy=scene.xy + sigma_mm * off)
 
 
 def with_snr(scene: Scene, rng: np.random.Generator, *, snr_db: float) -> Scene:

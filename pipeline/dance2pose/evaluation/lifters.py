@@ -13,7 +13,7 @@ from dance2pose.lifting.lifted import Lifted, Observed
 from dance2pose.lifting.pursuit import paper
 from dance2pose.lifting.pursuit.pursue import PursuitSettings
 from dance2pose.lifting.temporal import sequence
-from dance2pose.lifting.temporal.sequence import SequenceSettings
+from dance2pose.lifting.temporal.one_body import SequenceSettings
 
 
 @dataclass(frozen=True)

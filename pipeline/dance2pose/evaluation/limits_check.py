@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from dance2pose import skeleton as skeletons
-from dance2pose.limits.model import limited_bones
+from dance2pose.limits.body_frames import limited_bones
 from dance2pose.poses import BoolArray, FloatArray
 
 # A bone that is turned at random is turned by more than this.

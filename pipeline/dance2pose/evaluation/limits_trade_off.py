@@ -71,7 +71,8 @@ def trade_off(
         scores: list[list[LimitsScore]] = [[] for _ in MARGINS]
         for fold in progress.track(range(FOLDS), f"{held_out} held out", total=FOLDS, unit="fold"):
             learn_on, test_on = _split(takes, fold, group_of)
-            seen = observe(training_poses(learn_on, ObservationSettings.rate_hz), takes[0].skeleton)
+            poses, take = training_poses(learn_on, ObservationSettings.rate_hz)
+            seen = observe(poses, takes[0].skeleton, take=take)
             poses = _poses(test_on)
             for column, margins in zip(scores, MARGINS, strict=True):
                 column.append(score(widen(seen, margins), poses, np.random.default_rng(seed)))

@@ -10,8 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dance2pose.angles import joint_angles
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
+
+# A knee or elbow bent by less than this is straight.
+STRAIGHT_DEG = 15.0
 
 
 def lifted(estimate: FloatArray) -> BoolArray:
@@ -158,6 +162,19 @@ def within_sigma(errors: FloatArray, sigma: FloatArray) -> tuple[float, float]:
         return float("nan"), float("nan")
     ratio = errors[known] / sigma[known]
     return float((ratio <= 1).mean()), float((ratio <= 2).mean())
+
+
+def flexion_errors(estimate: FloatArray, truth: FloatArray, skeleton: str) -> tuple[float, float]:
+    """How wrongly knees and elbows are bent, degrees.
+
+    The mean size of the error of their flexion over frames, and by how much those that are straight
+    (bent by less than STRAIGHT_DEG) seem bent further, on average. NaN where there is none.
+    """
+    found, true = joint_angles(estimate, skeleton), joint_angles(truth, skeleton)
+    names = [name for name in true if name.endswith(("knee_flexion", "elbow_flexion"))]
+    off = np.stack([found[name] - true[name] for name in names])
+    straight = off[np.stack([true[name] for name in names]) < STRAIGHT_DEG]
+    return float(mean_over(np.abs(off).ravel())), float(mean_over(straight))
 
 
 def foot_slide(feet: FloatArray, contact: BoolArray) -> float:

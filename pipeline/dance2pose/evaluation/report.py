@@ -18,6 +18,7 @@ from dance2pose.evaluation.claims import learned_from, overlap_sentence
 from dance2pose.evaluation.lifter_experiments import lifter_tables, skeleton_table
 from dance2pose.evaluation.limits_check import TURNED_DEGREES, JointLimits
 from dance2pose.evaluation.limits_check import score as score_limits
+from dance2pose.evaluation.own_bodies import DESCRIPTION, own_bodies_tables
 from dance2pose.evaluation.paper_experiments import WINDOWS
 from dance2pose.evaluation.paper_report import paper_part
 from dance2pose.evaluation.path_experiment import path_table
@@ -52,6 +53,9 @@ def evaluate(
     takes = list(progress.track(read_takes(data), "reading takes", unit="take"))
     _check_takes(takes, data, settings.rate_hz)
     _introduction(report, data, takes, settings, with_published=bool(published_limits))
+    _own_bodies_part(report, data, settings, progress)
+    if settings.only_own_bodies:
+        return _finished(report, start)
     paper_part(report, takes, settings, progress)
     report.heading(
         "Lifters compared",
@@ -66,9 +70,22 @@ def evaluate(
     report.table(skeleton_table(by_skeleton, settings, progress))
     report.table(path_table(takes, settings, progress))
     _limits_part(report, by_skeleton, settings, published_limits)
+    return _finished(report, start)
+
+
+def _finished(report: Report, start: float) -> list[Path]:
     report.parts.append(f"Time taken: {(time.monotonic() - start) / 60:.1f} minutes.")
     report.write()
     return report.files
+
+
+def _own_bodies_part(
+    report: Report, data: Path, settings: EvaluationSettings, progress: Progress
+) -> None:
+    report.heading("Any dancer: bodies that the lifter does not know", DESCRIPTION)
+    takes = list(read_takes(data, own_bones=True))
+    for table in own_bodies_tables(takes, settings, progress):
+        report.table(table)
 
 
 def _folder(output: Path, *, overwrite: bool) -> Path:
@@ -119,11 +136,12 @@ def _introduction(
     report.parts += [
         "# Evaluation",
         f"Made by `{command}` with {versions}.",
-        f"**Data.** {len(takes)} takes, {frames:,} frames: {listed}; {claim}. "
-        "All retargeted to one body (1.65 m), first joint at the origin.",
-        f"**Cameras.** Orthographic, {MM_PER_PIXEL:g} mm a pixel. Cameras stand evenly around "
-        f"every take ({settings.views}, where nothing else is said), the first azimuth of a take "
-        f"drawn at random; tilts are drawn uniformly within ±{settings.tilt_deg:g}°.",
+        f"**Data.** {len(takes)} takes, {frames:,} frames: {listed}; {claim}. First joint at the "
+        "origin; where nothing is said of own bodies, all on one body (1.65 m).",
+        f"**Cameras.** Where nothing else is said: orthographic, {MM_PER_PIXEL:g} mm a pixel. "
+        f"Cameras stand evenly around every take ({settings.views}, where nothing else is said), "
+        "the first azimuth of a take drawn at random; tilts are drawn uniformly within "
+        f"±{settings.tilt_deg:g}°.",
         "**Measure.** PA-MPJPE: mean distance of the joints after the best translation, rotation "
         "and uniform scale of each frame, without reflection unless said otherwise. Averages are "
         "over frames, then cameras, then takes: a long take counts no more than a short one.",

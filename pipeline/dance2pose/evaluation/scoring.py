@@ -30,7 +30,8 @@ class Scores:
     together. acceleration: mm/s², error. jerk: mm/s³, and true_jerk that of the truth. lag:
     frames. valid: share of bones within the limits. bone_range: mm by which a bone's length
     changes, of the bone that changes most. within_1, within_2: shares of errors within one and
-    two sigma. lifted: share of frames lifted.
+    two sigma. lifted: share of frames lifted. flexion: degrees, mean error of how far knees and
+    elbows are bent; straightness: degrees by which those that are straight seem bent, on average.
     """
 
     pa: FloatArray
@@ -45,6 +46,8 @@ class Scores:
     within_1: FloatArray
     within_2: FloatArray
     lifted: FloatArray
+    flexion: FloatArray
+    straightness: FloatArray
 
     @property
     def pa_mean(self) -> float:
@@ -63,6 +66,7 @@ def score(scene: Scene, xyz: FloatArray, sigma: FloatArray | None = None) -> Sco
     inside = (
         (np.nan, np.nan) if sigma is None else metrics.within_sigma(errors[:, 1:], sigma[:, 1:])
     )
+    flexion, straightness = metrics.flexion_errors(xyz, scene.truth, scene.skeleton)
     flags = limits.load(scene.skeleton).is_valid(xyz[rows])
     return Scores(
         pa=metrics.mean_over(pa),
@@ -77,6 +81,8 @@ def score(scene: Scene, xyz: FloatArray, sigma: FloatArray | None = None) -> Sco
         within_1=np.array(inside[0]),
         within_2=np.array(inside[1]),
         lifted=np.array(rows.mean()),
+        flexion=np.array(flexion),
+        straightness=np.array(straightness),
     )
 
 

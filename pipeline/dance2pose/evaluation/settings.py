@@ -14,7 +14,7 @@ class EvaluationSettings:
     experiment. rate_hz: frames a second of everything that is not said to be at the takes' own
     rate. snr_db: of the noise experiment. noise_mm: Gaussian noise on the 2D joints, at body
     scale. missing: share of joints taken away in runs of 5 to 20 frames. ablate: with the
-    ablations of the paper's lifter.
+    ablations of the paper's lifter. only_own_bodies: only the default lifter on own bodies.
     """
 
     views: int = 2
@@ -26,3 +26,4 @@ class EvaluationSettings:
     noise_mm: float = 10.0
     missing: float = 0.15
     ablate: bool = False
+    only_own_bodies: bool = False

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from dance2pose import skeleton as skeletons
-from dance2pose.body import BODY_HEIGHT_MM
+from dance2pose.body import BODY_HEIGHT_MM, Body
+from dance2pose.body_file import body_for
 from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
 from dance2pose.lifting.world.ground_plane import levelled
@@ -70,6 +71,7 @@ def lift_all(
     options: LiftOptions | None = None,
     *,
     independent: bool = False,
+    bodies: Mapping[str, Body] | None = None,
     **named: Any,
 ) -> list[Track3D]:
     """The 3D poses of the dancers in one video, one for every frame of each track.
@@ -77,18 +79,33 @@ def lift_all(
     The result is in the tracks' lifting skeleton (body17 for keypoint skeletons), first joint at
     the origin; frames of which nothing is known are NaN. World axes are as the camera sees them,
     and where the path through the room is found, with the floor level at y = 0 for all dancers of
-    a shot (`world.ground_plane`). Parameters and errors as in `lift`.
+    a shot (`world.ground_plane`). Parameters and errors as in `lift`; bodies: bone lengths known
+    before, by the persons' numbers, those of a single dancer being everybody's
+    (`body_file.body_for`).
     """
+    return lift_with_bodies(tracks, options, independent=independent, bodies=bodies, **named)[0]
+
+
+def lift_with_bodies(
+    tracks: Sequence[Track2D],
+    options: LiftOptions | None = None,
+    *,
+    independent: bool = False,
+    bodies: Mapping[str, Body] | None = None,
+    **named: Any,
+) -> tuple[list[Track3D], list[Body | None]]:
+    """As `lift_all`, and the bone lengths found for each track, None where the lifter finds none:
+    in unrelated pictures, and with the paper's lifter."""
     options = combined(LiftOptions, options, named)
-    found = lift_in_camera(tracks, options, independent=independent)
+    found, found_bodies = _lift_each(tracks, options, independent, bodies)
     if independent:  # every picture has a camera of its own
-        return found
+        return found, found_bodies
     out: dict[int, Track3D] = {}
     for shot in sorted({track.shot for track in tracks}):
         rows = [n for n, track in enumerate(tracks) if track.shot == shot]
         level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (options.height_m or 1.0))
         out.update(zip(rows, level, strict=True))
-    return [out[n] for n in range(len(found))]
+    return [out[n] for n in range(len(found))], found_bodies
 
 
 def lift_in_camera(
@@ -96,23 +113,38 @@ def lift_in_camera(
     options: LiftOptions | None = None,
     *,
     independent: bool = False,
+    bodies: Mapping[str, Body] | None = None,
     **named: Any,
 ) -> list[Track3D]:
     """As `lift_all`, but poses and paths stay in the camera's axes: x right, y up, z towards the
     viewer, the camera at the origin of the paths."""
     options = combined(LiftOptions, options, named)
+    return _lift_each(tracks, options, independent, bodies)[0]
+
+
+def _lift_each(
+    tracks: Sequence[Track2D],
+    options: LiftOptions,
+    independent: bool,
+    bodies: Mapping[str, Body] | None,
+) -> tuple[list[Track3D], list[Body | None]]:
     per_mm = (options.height_m or 1.0) / BODY_HEIGHT_MM
     unit: Unit = "body heights" if options.height_m is None else "metres"
-    found = []
+    lift_frames = _lifter(options.lifter)
+    found, found_bodies = [], []
     for track in tracks:
         observed = observe(
             track,
             independent=independent,
             camera=_usable_model(track, options),
             fov_deg=options.fov_deg,
+            body=body_for(bodies, track.person) if bodies else None,
         )
-        found.append(_lift_one(track, observed, _lifter(options.lifter), per_mm, unit))
-    return found
+        seen = np.isfinite(observed.xy).all(axis=2)
+        lifted = lift_frames(observed) if seen.any() else _nothing(observed)
+        found.append(_as_track(track, observed, lifted, per_mm, unit))
+        found_bodies.append(lifted.body)
+    return found, found_bodies
 
 
 def _usable_model(track: Track2D, options: LiftOptions) -> str:
@@ -128,11 +160,10 @@ def _usable_model(track: Track2D, options: LiftOptions) -> str:
     )
 
 
-def _lift_one(
-    track: Track2D, observed: Observed, lift_frames: Lifter, per_mm: float, unit: Unit
+def _as_track(
+    track: Track2D, observed: Observed, lifted: Lifted, per_mm: float, unit: Unit
 ) -> Track3D:
     seen = np.isfinite(observed.xy).all(axis=2)
-    lifted = lift_frames(observed) if seen.any() else _nothing(observed)
     known = np.isfinite(lifted.xyz).all(axis=2)
     error = np.linalg.norm(lifted.projected - observed.xy, axis=2)
     return Track3D(
@@ -164,6 +195,7 @@ def observe(
     independent: bool = False,
     camera: str = "weak-perspective",
     fov_deg: float | None = None,
+    body: Body | None = None,
 ) -> Observed:
     """The track as lifters take it: in its lifting skeleton, with y up. Checks what it is given."""
     source = skeletons.get(track.skeleton)
@@ -180,6 +212,12 @@ def observe(
             "number; a keypoint that is missing is NaN with confidence 0"
         )
     target = skeletons.lifting_skeleton(source.name)
+    own = "cmu17" if target.name == "paper15" else target.name
+    if body is not None and body.skeleton != own:
+        raise UsageError(
+            f"track of person {track.person}: the body given is of {body.skeleton}, but the track "
+            f"is lifted as {own}; bones of the one are not bones of the other"
+        )
     xy, confidence = skeletons.convert(
         track.xy.astype(np.float64),
         track.confidence.astype(np.float64),
@@ -195,6 +233,7 @@ def observe(
         independent=independent,
         camera=camera,
         fov_deg=fov_deg,
+        body=body,
     )
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from dance2pose.body import Body
+from dance2pose.lifting.error_calibration import ErrorParts
 from dance2pose.poses import FloatArray
 
 
@@ -22,7 +24,8 @@ class Observed:
     xy: (T, J, 2) px, y up, NaN where not seen. confidence: (T, J) of the keypoint model, 0 where
     not seen. time_s: (T,). skeleton: cmu17, paper15 or body17. image_size: (width, height) px.
     independent: the frames are unrelated pictures. camera: the camera model asked for.
-    fov_deg: horizontal field of view, None where it is not known.
+    fov_deg: horizontal field of view, None where it is not known. body: the dancer's bone lengths
+    in that skeleton (cmu17's for paper15), where they are known before.
     """
 
     xy: FloatArray
@@ -33,6 +36,7 @@ class Observed:
     independent: bool = False
     camera: str = "weak-perspective"
     fov_deg: float | None = None
+    body: Body | None = None
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -44,13 +48,16 @@ class Lifted:
 
     xyz: (T, J, 3) mm as the camera sees them, first joint at the origin, NaN where nothing is
     known. projected: (T, J, 2) px, y up, where the camera found sees those joints. sigma: (T, J)
-    mm, or None. root: (T, 3) mm, the first joint as seen from the camera, or None.
+    mm, or None. root: (T, 3) mm, the first joint as seen from the camera, or None. body: the
+    dancer's bone lengths, where the lifter finds them. errors: what sigma is made of.
     """
 
     xyz: FloatArray
     projected: FloatArray
     sigma: FloatArray | None = None
     root: FloatArray | None = None
+    body: Body | None = None
+    errors: ErrorParts | None = None
 
 
 Lifter = Callable[[Observed], Lifted]

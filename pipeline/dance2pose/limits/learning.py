@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from dance2pose.limits import model
-from dance2pose.limits.model import AZIMUTHS, BIN_DEGREES, ELEVATIONS, BodyFrames, Limits
+from dance2pose.limits import body_frames
+from dance2pose.limits.body_frames import AZIMUTHS, BIN_DEGREES, ELEVATIONS, BodyFrames
+from dance2pose.limits.model import Limits
 from dance2pose.mocap.corpus import Take, resample
-from dance2pose.poses import FloatArray
+from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import get
 
 
@@ -44,7 +45,8 @@ class ObservationSettings:
     whose parent bone is this close to the bin's centre; where fewer than `fewest` are, to the
     `fewest` closest. trimmed: share of these left outside each side of a box, for the capture's
     own errors. spacing_deg: directions about this close count once, so that hours of standing
-    do not outweigh one leap.
+    do not outweigh one leap. border_deg: a take came as far as a direction where it came this
+    close to it.
     """
 
     rate_hz: float = 30.0
@@ -52,6 +54,7 @@ class ObservationSettings:
     fewest: int = 60
     trimmed: float = 0.002
     spacing_deg: float = 2.0
+    border_deg: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -69,35 +72,44 @@ class Observed:
     axes: FloatArray
     low: FloatArray
     high: FloatArray
+    takes: npt.NDArray[np.uint8]
     settings: ObservationSettings
 
 
-def training_poses(takes: list[Take], rate_hz: float) -> FloatArray:
-    """Poses (N, J, 3) of the takes at one rate, and the same in the mirror."""
-    poses = np.concatenate(
-        [resample(take, rate_hz).xyz if take.rate_hz > rate_hz else take.xyz for take in takes]
-    )
+def training_poses(takes: list[Take], rate_hz: float) -> tuple[FloatArray, IntArray]:
+    """Poses (N, J, 3) of the takes at one rate, and the same mirrored; the take (N,) of each."""
+    parts = [resample(take, rate_hz).xyz if take.rate_hz > rate_hz else take.xyz for take in takes]
+    poses = np.concatenate(parts)
     mirrored = poses[:, list(get(takes[0].skeleton).mirror)] * [-1.0, 1.0, 1.0]
     both: FloatArray = np.concatenate([poses, mirrored])
-    return both
+    number = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    return both, np.tile(number, 2)
 
 
 def observe(
-    xyz: FloatArray, skeleton: str, settings: ObservationSettings | None = None
+    xyz: FloatArray,
+    skeleton: str,
+    settings: ObservationSettings | None = None,
+    *,
+    take: IntArray | None = None,
 ) -> Observed:
-    """Sum up the poses (N, J, 3) of a lifting skeleton, any unit, all joints known."""
+    """Sum up the poses (N, J, 3) of a lifting skeleton, any unit, all joints known.
+
+    take: (N,) the number of the take that each pose is from; by default all are from one.
+    """
     settings = settings or ObservationSettings()
-    bones = model.limited_bones(skeleton)
+    take = np.zeros(len(xyz), int) if take is None else take
+    bones = body_frames.limited_bones(skeleton)
     references: dict[str, FloatArray] = {}
     frames = BodyFrames(np.ascontiguousarray(xyz.transpose(1, 2, 0)), skeleton, references)
     for bone in bones:
-        mean = np.nanmean(frames.look(bone), axis=1)
+        mean = np.nanmean(frames.local_direction(bone), axis=1)
         references[bone] = mean / np.linalg.norm(mean)
-    torso = [bone for bone in bones if model.parent_bone(bone) is None]
+    torso = [bone for bone in bones if body_frames.parent_bone(bone) is None]
     index, regions = [], []
     count = 0
     for bone in bones[len(torso) :]:
-        parent = model.parent_bone(bone)
+        parent = body_frames.parent_bone(bone)
         assert parent is not None
         rows, fitted = _regions(frames.local[parent], frames.local[bone], settings)
         index.append(rows + count)
@@ -112,6 +124,7 @@ def observe(
         table[:, :9].reshape(-1, 3, 3),
         table[:, 9:12],
         table[:, 12:],
+        np.array([_takes_near(frames, bone, take, settings) for bone in bones]),
         settings,
     )
 
@@ -130,13 +143,14 @@ def widen(
     high = np.where(high >= np.pi / 2, 2.0, np.sin(high))
     return Limits(
         observed.skeleton,
-        model.limited_bones(observed.skeleton),
+        body_frames.limited_bones(observed.skeleton),
         observed.references,
         observed.distance_deg <= margins.occupancy_deg,
         observed.region,
         observed.axes.astype(np.float32),
         low.astype(np.float32),
         high.astype(np.float32),
+        observed.takes,
         (metadata or {}) | {"settings": asdict(observed.settings) | asdict(margins)},
     )
 
@@ -159,6 +173,30 @@ def _distance(direction: FloatArray, settings: ObservationSettings) -> FloatArra
     chord = tree.query(bin_centres().reshape(-1, 3))[0]
     degrees: FloatArray = np.degrees(2 * np.arcsin(chord / 2)).reshape(AZIMUTHS, ELEVATIONS)
     return degrees
+
+
+def _takes_near(
+    frames: BodyFrames, bone: str, take: IntArray, settings: ObservationSettings
+) -> npt.NDArray[np.uint8]:
+    """How many takes (120, 60), 255 at most, tell where the limit of a bone lies.
+
+    Of a bone that leaves the torso, for each of its bins: takes that came as far as the seen
+    direction closest to the bin. Of another, for each bin of its parent: takes whose parent came
+    near the bin.
+    """
+    parent = body_frames.parent_bone(bone)
+    direction = frames.local[parent or bone].T
+    centres = bin_centres().reshape(-1, 3)
+    if parent is None:
+        seen = _thinned(direction, settings.spacing_deg)
+        centres = seen[cKDTree(seen).query(centres)[1]]
+    degrees = settings.parent_radius_deg if parent else settings.border_deg
+    radius = 2 * np.sin(np.radians(degrees) / 2)
+    count = np.zeros(len(centres), int)
+    for number in np.unique(take):
+        own = cKDTree(_thinned(direction[take == number], settings.spacing_deg))
+        count += own.query(centres, distance_upper_bound=radius)[0] <= radius
+    return np.minimum(count, 255).astype(np.uint8).reshape(AZIMUTHS, ELEVATIONS)
 
 
 def _thinned(vectors: FloatArray, degrees: float) -> FloatArray:

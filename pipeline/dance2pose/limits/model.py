@@ -22,130 +22,41 @@ import numpy.typing as npt
 from dance2pose import skeleton as skeletons
 from dance2pose.assets import asset
 from dance2pose.errors import DataError, UsageError
+from dance2pose.limits.body_frames import (
+    AZIMUTHS,
+    ELEVATIONS,
+    BodyFrames,
+    bins,
+    limited_bones,
+    parent_bone,
+)
 from dance2pose.output_files import written_whole
 from dance2pose.poses import BoolArray, FloatArray, IntArray
 
-BIN_DEGREES = 3
-AZIMUTHS, ELEVATIONS = 360 // BIN_DEGREES, 180 // BIN_DEGREES
-
-_SHOULDERS = ("left_shoulder", "right_shoulder")
-_HIPS = ("left_hip", "right_hip")
-# The limited bones, each with the line whose ends (left, right) and the spine make its torso
-# frame, and the limited bones between it and the torso, innermost first.
-_LIMITED: dict[str, tuple[tuple[str, str], tuple[str, ...]]] = {
-    "left_elbow": (_SHOULDERS, ()),
-    "right_elbow": (_SHOULDERS, ()),
-    "head": (_SHOULDERS, ()),
-    "left_knee": (_HIPS, ()),
-    "right_knee": (_HIPS, ()),
-    "left_wrist": (_SHOULDERS, ("left_elbow",)),
-    "right_wrist": (_SHOULDERS, ("right_elbow",)),
-    "left_ankle": (_HIPS, ("left_knee",)),
-    "right_ankle": (_HIPS, ("right_knee",)),
-    "left_toe": (_HIPS, ("left_knee", "left_ankle")),
-    "right_toe": (_HIPS, ("right_knee", "right_ankle")),
-}
 _CHUNK = 8192  # poses looked at together: the working set stays in the processor's cache
 
 
-def limited_bones(skeleton: str) -> tuple[str, ...]:
-    """The bones of a lifting skeleton that have limits, those of the torso first."""
-    known = skeletons.get(skeleton)
-    if not known.is_tree:
-        raise UsageError(f"skeleton {skeleton} has no bones to limit; use its lifting skeleton")
-    return tuple(joint for joint in _LIMITED if joint in known.joints)
+# Limits that fewer takes than this came near are no limits, only the end of what was seen.
+FEWEST_TAKES = 8
 
 
-def parent_bone(bone: str) -> str | None:
-    """The limited bone that selects the region of `bone`; None for one that leaves the torso."""
-    chain = _LIMITED[bone][1]
-    return chain[-1] if chain else None
+@dataclass(frozen=True)
+class Verdict:
+    """valid: (..., J - 1) False where a bone is outside its limits. takes: (..., J - 1) how many
+    takes, 255 at most, tell where those limits lie; 0 for bones without limits."""
 
+    valid: BoolArray
+    takes: npt.NDArray[np.uint8]
 
-def bins(direction: FloatArray) -> tuple[IntArray, IntArray]:
-    """Azimuth and elevation bins of unit vectors (3, ...); poles are the third axis."""
-    x, y, z = direction
-    azimuth = np.degrees(np.arctan2(y, x)) + 180
-    elevation = np.degrees(np.arcsin(np.clip(z, -1, 1))) + 90
-    with np.errstate(invalid="ignore"):
-        return (
-            np.clip((azimuth / BIN_DEGREES).astype(np.int64), 0, AZIMUTHS - 1),
-            np.clip((elevation / BIN_DEGREES).astype(np.int64), 0, ELEVATIONS - 1),
-        )
+    @property
+    def refused(self) -> BoolArray:
+        """(..., J - 1) True where many takes went as far as the limit and none beyond."""
+        return np.asarray(~self.valid & (self.takes >= FEWEST_TAKES))
 
-
-def transport(p: FloatArray, reference: FloatArray, vector: FloatArray) -> FloatArray:
-    """Rotate `vector` by the smallest rotation that takes unit `p` to unit `reference`.
-
-    All are (3, ...) and broadcast. Undefined where p is opposite to reference.
-    """
-    middle = p + reference
-    along = (middle * vector).sum(axis=0) / (1 + (p * reference).sum(axis=0))
-    turned: FloatArray = vector - middle * along + 2 * (p * vector).sum(axis=0) * reference
-    return turned
-
-
-class BodyFrames:
-    """Directions of the limited bones of poses (J, 3, N), each in its own local frame.
-
-    Torso frames have x to the body's left along the shoulder or hip line, y up the spine, z to
-    the front. The frame of a bone further out is its parent's, turned so that the parent points
-    along its own reference direction.
-    """
-
-    def __init__(self, poses: FloatArray, skeleton: str, references: dict[str, FloatArray]) -> None:
-        self._known = skeletons.get(skeleton)
-        self._poses = poses
-        self._references = references
-        self._axes: dict[tuple[str, str], FloatArray] = {}
-        self.local: dict[str, FloatArray] = {}
-
-    def _torso_axes(self, line: tuple[str, str]) -> FloatArray:
-        """(3, 3, N): row i is axis i in the world."""
-        if line not in self._axes:
-            left, right = (self._poses[self._known.index(joint)] for joint in line)
-            x = _unit(left - right)
-            spine = self._poses[1] - self._poses[0]
-            z = _unit(np.cross(x, spine, axis=0))
-            self._axes[line] = np.stack([x, np.cross(z, x, axis=0), z])
-        return self._axes[line]
-
-    def world_direction(self, bone: str) -> FloatArray:
-        """Unit vector (3, N) along the bone in the world, NaN where it is unknown."""
-        child = self._known.index(bone)
-        return _unit(self._poses[child] - self._poses[self._known.parents[child]])
-
-    def look(self, bone: str) -> FloatArray:
-        """Local direction (3, N) of a bone, remembered in `local` for the bones further out."""
-        line, chain = _LIMITED[bone]
-        axes, world = self._torso_axes(line), self.world_direction(bone)
-        direction: FloatArray = (axes * world[None]).sum(axis=1)
-        for ancestor in chain:
-            reference = self._references[ancestor][:, None]
-            direction = transport(self.local[ancestor], reference, direction)
-        self.local[bone] = direction
-        return direction
-
-    def to_world(self, bone: str, local: FloatArray) -> FloatArray:
-        """The inverse of `look` for any local direction (3, N) of the bone."""
-        line, chain = _LIMITED[bone]
-        direction = local
-        for ancestor in reversed(chain):
-            reference = np.broadcast_to(
-                self._references[ancestor][:, None], self.local[ancestor].shape
-            )
-            direction = transport(reference, self.local[ancestor], direction)
-        axes = self._torso_axes(line)
-        world: FloatArray = (axes * direction[:, None]).sum(axis=0)
-        return world
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    """Vectors (3, ...) scaled to length one; NaN where the length is zero."""
-    norm = np.sqrt((vector * vector).sum(axis=0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unit: FloatArray = vector / norm
-    return unit
+    @property
+    def never_seen(self) -> BoolArray:
+        """(..., J - 1) True outside limits that hardly any take came near."""
+        return np.asarray(~self.valid & (self.takes < FEWEST_TAKES))
 
 
 @dataclass(frozen=True)
@@ -157,7 +68,8 @@ class Limits:
     the margin. region: (B - B_torso, 120, 60) row of the regions for each bin of the parent.
     axes, low, high: (R, 3, 3), (R, 3), (R, 3); a direction d is valid where
     low <= axes @ d <= high. The first axis is the normal of the half-space, the others span the
-    box. metadata: where the arrays come from.
+    box. takes: (B, 120, 60) how many takes, 255 at most, tell where the limit of each bone lies,
+    for the bins of the bone itself or of its parent. metadata: where the arrays come from.
     """
 
     skeleton: str
@@ -168,6 +80,7 @@ class Limits:
     axes: FloatArray
     low: FloatArray
     high: FloatArray
+    takes: npt.NDArray[np.uint8]
     metadata: dict[str, Any]
 
     def is_valid(self, xyz: FloatArray) -> BoolArray:
@@ -176,17 +89,24 @@ class Limits:
         Bones without limits are True. A bone is also True where it or the frame it is seen from
         is unknown (NaN, or of length zero): True means "not refused", not "seen and possible".
         """
-        flat = self._flat(xyz)
+        return self.verdict(xyz).valid
+
+    def verdict(self, xyz: FloatArray) -> Verdict:
+        """What the limits say of poses (..., J, 3), and how many takes say it; see `is_valid`."""
+        flat = self.flat(xyz)
         flags = np.ones((len(flat), flat.shape[1] - 1), dtype=bool)
+        takes = np.zeros(flags.shape, dtype=np.uint8)
         columns = self.columns
         for start in range(0, len(flat), _CHUNK):
             part = slice(start, start + _CHUNK)
             frames = self.frames(flat[part])
             for number, bone in enumerate(self.bones):
-                direction = frames.look(bone)
+                direction = frames.local_direction(bone)
                 flags[part, columns[number]] = self.allowed(bone, frames, direction)
-        shaped: BoolArray = flags.reshape(*xyz.shape[:-2], flags.shape[1])
-        return shaped
+                deciding = frames.local[parent_bone(bone) or bone]
+                takes[part, columns[number]] = self.takes[(number, *bins(deciding))]
+        shape = (*xyz.shape[:-2], flags.shape[1])
+        return Verdict(flags.reshape(shape), takes.reshape(shape))
 
     def allowed(self, bone: str, frames: BodyFrames, direction: FloatArray) -> BoolArray:
         """Whether local directions (3, N) of one bone are valid given the bones further in."""
@@ -215,23 +135,14 @@ class Limits:
         references = dict(zip(self.bones, self.references, strict=True))
         return BodyFrames(np.ascontiguousarray(poses.transpose(1, 2, 0)), self.skeleton, references)
 
-    def project_to_valid(self, xyz: FloatArray) -> FloatArray:
-        """The closest valid poses (..., J, 3), bone lengths kept.
-
-        From the torso outwards, each refused bone takes the valid direction closest to its own;
-        bones that are valid, and the torso, keep theirs. Unknown bones stay as they are.
-        """
-        from dance2pose.limits.projection import project
-
-        return project(self, self._flat(xyz)).reshape(xyz.shape)
-
     @property
     def columns(self) -> IntArray:
         """The column of each limited bone in the flags."""
         known = skeletons.get(self.skeleton)
         return np.array([known.index(bone) - 1 for bone in self.bones])
 
-    def _flat(self, xyz: FloatArray) -> FloatArray:
+    def flat(self, xyz: FloatArray) -> FloatArray:
+        """Poses (..., J, 3) as (N, J, 3); UsageError where they are not of this skeleton."""
         joints = len(skeletons.get(self.skeleton))
         if xyz.ndim < 2 or xyz.shape[-2:] != (joints, 3):
             raise UsageError(
@@ -240,7 +151,7 @@ class Limits:
         return xyz.reshape(-1, joints, 3)
 
 
-_ARRAYS = ("references", "occupancy", "region", "axes", "low", "high")
+_ARRAYS = ("references", "occupancy", "region", "axes", "low", "high", "takes")
 
 
 def save(limits: Limits, path: Path, *, overwrite: bool = False) -> None:
@@ -294,6 +205,7 @@ def _check(limits: Limits, path: Path) -> None:
         "axes": (rows, 3, 3),
         "low": (rows, 3),
         "high": (rows, 3),
+        "takes": (len(wanted), *grid),
     }
     if limits.bones != wanted:
         raise DataError(f"{path}: limits of the bones {limits.bones}, expected {wanted}")

@@ -7,21 +7,24 @@ from itertools import combinations
 import numpy as np
 
 from dance2pose import skeleton as skeletons
-from dance2pose.limits.model import (
-    AZIMUTHS,
-    BIN_DEGREES,
-    ELEVATIONS,
-    Limits,
-    parent_bone,
-)
+from dance2pose.limits.body_frames import AZIMUTHS, BIN_DEGREES, ELEVATIONS, parent_bone
+from dance2pose.limits.model import Limits
 from dance2pose.poses import BoolArray, FloatArray, IntArray
 
 _INSET = 1e-4  # of a unit vector: how far inside the limits a projected direction ends
 _CHUNK = 512
 
 
-def project(limits: Limits, poses: FloatArray) -> FloatArray:
-    """Poses (N, J, 3) with every limited bone valid; see Limits.project_to_valid."""
+def project_to_valid(limits: Limits, xyz: FloatArray) -> FloatArray:
+    """The closest valid poses (..., J, 3), bone lengths kept.
+
+    From the torso outwards, each refused bone takes the valid direction closest to its own; bones
+    that are valid, and the torso, keep theirs. Unknown bones stay as they are.
+    """
+    return _project(limits, limits.flat(xyz)).reshape(xyz.shape)
+
+
+def _project(limits: Limits, poses: FloatArray) -> FloatArray:
     out = np.array(poses, dtype=np.float64)
     known = skeletons.get(limits.skeleton)
     refused = np.flatnonzero(~limits.is_valid(out).all(axis=1))
@@ -31,8 +34,8 @@ def project(limits: Limits, poses: FloatArray) -> FloatArray:
         for ancestor in limits.bones:
             if ancestor == bone:
                 break
-            frames.look(ancestor)
-        direction = frames.look(bone)
+            frames.local_direction(ancestor)
+        direction = frames.local_direction(bone)
         wrong = np.flatnonzero(~limits.allowed(bone, frames, direction))
         if not len(wrong):
             continue

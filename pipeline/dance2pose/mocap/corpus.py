@@ -46,10 +46,11 @@ _EARS_BEYOND_HEAD = 0.26
 
 @dataclass(frozen=True)
 class Take:
-    """One take on the one body.
+    """One take, on the one body unless it was read with its performer's bones.
 
     xyz: (T, J, 3) mm, y up, first joint at the origin. root: (T, 3) mm, the first joint's path
-    before that, or None where the source has none. rate_hz: frames per second.
+    before that, or None where the source has none. rate_hz: frames per second. rig: "cmu",
+    "poser", or "" for positions alone.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Take:
     root: FloatArray | None
     rate_hz: float
     skeleton: str = "cmu17"
+    rig: str = ""
 
 
 def cmu17_positions(motion: Motion, source: str = "motion") -> FloatArray:
@@ -155,15 +157,18 @@ def _interpolated(values: FloatArray, at: FloatArray) -> FloatArray:
     return out
 
 
-def read_take(path: Path, skeleton: str = "cmu17") -> Take:
-    """A BVH take on the one body, with the corpus's traps undone (rest pose, rates, units)."""
+def read_take(path: Path, skeleton: str = "cmu17", *, own_bones: bool = False) -> Take:
+    """A BVH take on the one body, with the corpus's traps undone (rest pose, rates, units).
+
+    own_bones: on its performer's bones instead, scaled to the one body's sum of bone lengths.
+    """
     motion = read_bvh(path)
     rate = 60.0 if _is_mislabelled(path.stem, motion) else 1 / motion.frame_time_s
     if "Hips" in motion.names:  # the first frame of these files is an inserted rest pose
         if len(motion) < 2:
             raise DataError(f"{path}: holds the rest pose alone, no frame of motion")
         motion = motion.frames(slice(1, None))
-    return _on_one_body(path.stem, motion, str(path), round(rate, 3), skeleton)
+    return _on_body(path.stem, motion, str(path), round(rate, 3), skeleton, own_bones=own_bones)
 
 
 def _is_mislabelled(name: str, motion: Motion) -> bool:
@@ -173,13 +178,17 @@ def _is_mislabelled(name: str, motion: Motion) -> bool:
     return bool(re.fullmatch(r"60_salsa_\d\d", name)) and "hip" in motion.names and says_120
 
 
-def read_asf_amc_take(asf: Path, amc: Path, skeleton: str = "cmu17") -> Take:
-    """An ASF/AMC take of the CMU database (120 Hz) on the one body."""
+def read_asf_amc_take(
+    asf: Path, amc: Path, skeleton: str = "cmu17", *, own_bones: bool = False
+) -> Take:
+    """An ASF/AMC take of the CMU database (120 Hz) on the one body, or on its performer's bones."""
     motion = read_asf_amc(asf, amc)
-    return _on_one_body(amc.stem, motion, str(asf), 120.0, skeleton)
+    return _on_body(amc.stem, motion, str(asf), 120.0, skeleton, own_bones=own_bones)
 
 
-def _on_one_body(name: str, motion: Motion, source: str, rate: float, skeleton: str) -> Take:
+def _on_body(
+    name: str, motion: Motion, source: str, rate: float, skeleton: str, *, own_bones: bool = False
+) -> Take:
     lengths = body_bones_mm(skeleton)
     if skeleton == "body17":
         xyz = body17_positions(motion, source)
@@ -187,15 +196,20 @@ def _on_one_body(name: str, motion: Motion, source: str, rate: float, skeleton: 
         xyz = cmu17_positions(motion, source)
         xyz = convert(xyz, np.ones(xyz.shape[:-1]), source="cmu17", target=skeleton)[0]
     tree = get(skeleton)
-    to_mm = lengths.sum() / bone_lengths(xyz, tree).sum()
-    return Take(name, retarget(xyz, tree, lengths), xyz[:, 0] * to_mm, rate, skeleton)
+    own = bone_lengths(xyz, tree)
+    to_mm = lengths.sum() / own.sum()
+    if own_bones:
+        lengths = own * to_mm
+    rig = "poser" if all(node in motion.names for node in _POSER_RIG) else "cmu"
+    return Take(name, retarget(xyz, tree, lengths), xyz[:, 0] * to_mm, rate, skeleton, rig)
 
 
-def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:
+def read_takes(source: Path, skeleton: str = "cmu17", *, own_bones: bool = False) -> Iterator[Take]:
     """Every .bvh and .amc of a folder, and every take of a .npz of cmu17 positions, in name order.
 
     source: a folder or one such file. The skeleton (.asf) of an .amc file lies beside it under the
-    name of the subject: 02.asf of 02_01.amc. Raises DataError for what cannot be read.
+    name of the subject: 02.asf of 02_01.amc. own_bones: as in `read_take`; takes of a .npz are on
+    the one body anyway. Raises DataError for what cannot be read.
     """
     files = [source]
     if source.is_dir():
@@ -204,10 +218,10 @@ def read_takes(source: Path, skeleton: str = "cmu17") -> Iterator[Take]:
             raise DataError(f"{source}: holds no .bvh, no .amc and no .npz")
     for path in files:
         if path.suffix == ".bvh":
-            yield read_take(path, skeleton)
+            yield read_take(path, skeleton, own_bones=own_bones)
         elif path.suffix == ".amc":
             asf = path.with_name(f"{path.stem.split('_')[0]}.asf")
-            yield read_asf_amc_take(asf, path, skeleton)
+            yield read_asf_amc_take(asf, path, skeleton, own_bones=own_bones)
         else:
             yield from _takes_of_npz(path, skeleton)
 

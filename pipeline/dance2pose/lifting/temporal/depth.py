@@ -7,16 +7,18 @@ so any rate gives one answer a frame, without interpolation and without lag.
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from dance2pose.assets import asset
+from dance2pose.lifting import error_calibration
+from dance2pose.lifting.error_calibration import Calibration
 from dance2pose.lifting.temporal.network import (
-    JOINTS,
+    BONE_OUTPUTS,
+    BONES,
     RATE_HZ,
     NetworkInput,
     longest_projections,
@@ -37,14 +39,37 @@ _SHORTEST_STEP_S = 1 / 120
 @dataclass(frozen=True)
 class Depth:
     """xyz: (T, J, 3) mm relative to `centre`, x right, y up, z towards the viewer. sigma_z and
-    sigma: (T, J) mm, the network's own scale of the error of z and of the position. Input =
+    sigma: (T, J) mm, the network's own scale of the error of z and of the position. bones and
+    sigma_bones: (T, J - 1), logarithm of the length that the network takes each bone to have beside
+    the one body's, and the scale of its error; NaN of a network that does not say. Input =
     centre (T, 2) + scale (T,) * xyz."""
 
     xyz: FloatArray
     sigma_z: FloatArray
     sigma: FloatArray
+    bones: FloatArray
+    sigma_bones: FloatArray
     centre: FloatArray
     scale: FloatArray
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the dancer and the keypoints before the network is asked.
+
+    longest: (J - 1,) or (T, J - 1) in the unit of the input, the longest projections of the whole
+    track; or, with `lengths`, the dancer's bone lengths. scale: (T,) input units a mm, for single
+    pictures of figures whose size is known. error_mm: standard deviation of the keypoints' slow
+    errors in each direction, at the dancer's size. None: not known.
+    """
+
+    longest: FloatArray | None = None
+    lengths: bool = False
+    scale: FloatArray | None = None
+    error_mm: float | None = None
+
+
+_NOTHING = Known()
 
 
 def predict(
@@ -53,43 +78,49 @@ def predict(
     rate_hz: float,
     *,
     body17: bool,
-    longest: FloatArray | None = None,
+    known: Known = _NOTHING,
 ) -> Depth:
     """Depths of T frames at an even rate.
 
-    xy: (T, J, 2) y up, NaN where missing. confidence: (T, J) in 0..1. longest: (J - 1,) of the
-    whole track that the frames are part of.
+    xy: (T, J, 2) y up, NaN where missing. confidence: (T, J) in 0..1.
     """
-    if longest is None:
-        longest = longest_projections(xy[None])[0]
+    if known.longest is None:
+        known = replace(known, longest=longest_projections(xy[None])[0])
     stride = max(1, round(rate_hz / RATE_HZ))
     parts = []
     for rows in _slices(len(xy), _CHUNK * stride):
         low = max(0, rows.start - _REACH * stride)
         high = min(len(xy), rows.stop + _REACH * stride)
-        part = _interleaved(xy[low:high], confidence[low:high], stride, body17, longest)
+        part = _interleaved(xy[low:high], confidence[low:high], stride, body17, known)
         parts.append(_taken(part, slice(rows.start - low, rows.stop - low)))
     return joined(parts)
 
 
 def predict_frames(
-    xy: FloatArray, confidence: FloatArray, *, body17: bool, longest: FloatArray | None = None
+    xy: FloatArray, confidence: FloatArray, *, body17: bool, known: Known = _NOTHING
 ) -> Depth:
-    """Depths of T frames that have nothing to do with each other.
+    """Depths of T frames that have nothing to do with each other; each has what is known of it.
 
-    As `predict`, but longest: (T, J - 1), the length of every bone in each frame, in its unit; by
-    default what the frame shows of it.
+    By default a bone's longest projection is what the frame shows of it.
     """
     parts = [
-        _answer(
-            xy[rows, None],
-            confidence[rows, None],
-            body17,
-            None if longest is None else longest[rows],
-        )
+        _answer(xy[rows, None], confidence[rows, None], body17, _rows_of(known, rows))
         for rows in _slices(len(xy), _CHUNK)
     ]
-    return joined([_squeezed(part) for part in parts])
+    return joined([_each(lambda values: values[:, 0], part) for part in parts])
+
+
+def _taken(part: Depth, rows: slice) -> Depth:
+    return _each(lambda values: values[rows], part)
+
+
+def _rows_of(known: Known, rows: slice) -> Known:
+    longest = known.longest
+    return replace(
+        known,
+        longest=longest if longest is None or longest.ndim == 1 else longest[rows],
+        scale=None if known.scale is None else known.scale[rows],
+    )
 
 
 def predict_at(
@@ -98,7 +129,7 @@ def predict_at(
     time_s: FloatArray,
     *,
     body17: bool,
-    longest: FloatArray,
+    known: Known,
 ) -> Depth:
     """As `predict`, for frames at any times (T,) s, strictly increasing.
 
@@ -107,11 +138,11 @@ def predict_at(
     """
     steps = np.diff(time_s)
     if not len(steps):
-        return predict(xy, confidence, RATE_HZ, body17=body17, longest=longest)
+        return predict(xy, confidence, RATE_HZ, body17=body17, known=known)
     step = float(np.median(steps))
     even = time_s[0] + np.arange(len(time_s)) * (time_s[-1] - time_s[0]) / len(steps)
     if np.abs(even - time_s).max() < _UNEVEN * step and step < 1.5 / RATE_HZ:
-        return predict(xy, confidence, 1 / step, body17=body17, longest=longest)
+        return predict(xy, confidence, 1 / step, body17=body17, known=known)
     step = min(max(step, _SHORTEST_STEP_S), 1 / RATE_HZ)
     grid = np.linspace(time_s[0], time_s[-1], 1 + round((time_s[-1] - time_s[0]) / step))
     given = predict(
@@ -119,15 +150,9 @@ def predict_at(
         _read_off(confidence, time_s, grid),
         1 / step,
         body17=body17,
-        longest=longest,
+        known=known,
     )
-    return Depth(
-        _read_off(given.xyz, grid, time_s),
-        _read_off(given.sigma_z, grid, time_s),
-        _read_off(given.sigma, grid, time_s),
-        _read_off(given.centre, grid, time_s),
-        _read_off(given.scale, grid, time_s),
-    )
+    return _each(lambda values: _read_off(values, grid, time_s), given)
 
 
 def _read_off(values: FloatArray, time_s: FloatArray, at: FloatArray) -> FloatArray:
@@ -146,55 +171,65 @@ def _slices(length: int, size: int) -> list[slice]:
 
 
 def _interleaved(
-    xy: FloatArray, confidence: FloatArray, stride: int, body17: bool, longest: FloatArray
+    xy: FloatArray, confidence: FloatArray, stride: int, body17: bool, known: Known
 ) -> Depth:
     frames = len(xy)
     rows = np.minimum(np.arange(-(-frames // stride) * stride), frames - 1)
     rows = rows.reshape(-1, stride).T  # series, time
-    answer = _answer(xy[rows], confidence[rows], body17, longest)
+    answer = _answer(xy[rows], confidence[rows], body17, known)
     back = np.arange(frames)
-    series, time = back % stride, back // stride
+    return _each(lambda values: values[back % stride, back // stride], answer)
+
+
+def _answer(xy: FloatArray, confidence: FloatArray, body17: bool, known: Known) -> Depth:
+    """Answers (B, T, ...) for clips (B, T, J, 2): the mean of the clip's and of its mirror's."""
+    seen = _one_side(xy, confidence, body17, known)
+    order = _MIRROR[1:] - 1
+    longest = None if known.longest is None else known.longest[..., order]
+    mirrored = _one_side(
+        xy[:, :, _MIRROR] * [-1.0, 1.0],
+        confidence[:, :, _MIRROR],
+        body17,
+        replace(known, longest=longest),
+    )
     return Depth(
-        answer.xyz[series, time],
-        answer.sigma_z[series, time],
-        answer.sigma[series, time],
-        answer.centre[series, time],
-        answer.scale[series, time],
+        xyz=(seen.xyz + mirrored.xyz[:, :, _MIRROR] * [-1.0, 1.0, 1.0]) / 2,
+        sigma_z=np.sqrt(seen.sigma_z * mirrored.sigma_z[:, :, _MIRROR]),
+        sigma=np.sqrt(seen.sigma * mirrored.sigma[:, :, _MIRROR]),
+        bones=(seen.bones + mirrored.bones[:, :, order]) / 2,
+        sigma_bones=np.sqrt(seen.sigma_bones * mirrored.sigma_bones[:, :, order]),
+        centre=seen.centre,
+        scale=seen.scale,
     )
 
 
-def _answer(
-    xy: FloatArray, confidence: FloatArray, body17: bool, longest: FloatArray | None
-) -> Depth:
-    """Answers (B, T, ...) for clips (B, T, J, 2): the mean of the clip's and of its mirror's.
-
-    longest: (J - 1,) or (B, J - 1).
-    """
-    sides = []
-    for mirrored in (False, True):
-        order = _MIRROR if mirrored else np.arange(JOINTS)
-        sign = np.array([-1.0 if mirrored else 1.0, 1.0])
-        known = None
-        if longest is not None:
-            known = np.broadcast_to(longest[..., order[1:] - 1], (len(xy), JOINTS - 1))
-        given = network_input(
-            xy[:, :, order] * sign,
-            confidence[:, :, order],
-            body_definition=np.full(len(xy), body17),
-            longest=known,
-        )
-        raw = _run(given)
-        xyz, sigma_z, sigma = network_output(raw, given)
-        sides.append((xyz[:, :, order] * [*sign, 1.0], sigma_z[:, :, order], sigma[:, :, order]))
-    centre = given.centre * [-1.0, 1.0]
-    scale = np.broadcast_to(given.scale[:, None], xy.shape[:2])
-    (a, az, ap), (b, bz, bp) = sides
-    return Depth((a + b) / 2, np.sqrt(az * bz), np.sqrt(ap * bp), centre, scale)
+def _one_side(xy: FloatArray, confidence: FloatArray, body17: bool, known: Known) -> Depth:
+    clips, frames = xy.shape[:2]
+    longest = known.longest
+    given = network_input(
+        xy,
+        confidence,
+        body_definition=np.full(clips, body17),
+        longest=None if longest is None else np.broadcast_to(longest, (clips, BONES)),
+        known=np.full(clips, known.lengths),
+        scale=known.scale,
+        error_mm=None if known.error_mm is None else np.full(clips, known.error_mm),
+    )
+    joints, bones = _run(given)
+    xyz, sigma_z, sigma = network_output(joints, given)
+    scale = np.broadcast_to(given.scale[:, None], (clips, frames))
+    return Depth(xyz, sigma_z, sigma, bones[..., 0], np.exp(bones[..., 1]), given.centre, scale)
 
 
-def _run(given: NetworkInput) -> npt.NDArray[np.float64]:
+def _run(given: NetworkInput) -> tuple[FloatArray, FloatArray]:
     session = _session()
-    return np.asarray(session.run({"features": given.features}, ["joints"])[0], dtype=np.float64)
+    # Networks of before bodies differed look at fewer features and say nothing of bones.
+    features = given.features[..., : session.inputs[0].shape[-1]]
+    names = [output.name for output in session.outputs]
+    answers = [np.asarray(a, np.float64) for a in session.run({"features": features}, names)]
+    if len(answers) == 1:
+        answers.append(np.full((*features.shape[:2], BONES, BONE_OUTPUTS), np.nan))
+    return answers[0], answers[1]
 
 
 @lru_cache(maxsize=1)
@@ -206,11 +241,9 @@ def _session():  # type: ignore[no-untyped-def]
     return open_session(asset(_MODEL))
 
 
-def sigma_factors() -> FloatArray:
-    """(J,) what the network's scales are multiplied by, calibrated on held-out takes."""
-    return np.array(
-        json.loads(_session().metadata.get("sigma_factors", json.dumps([1.0] * JOINTS)))
-    )
+def calibration(*, pictures: bool) -> Calibration:
+    """How the lifter's errors were measured to follow from what it knows of them."""
+    return error_calibration.read(_session().metadata, pictures=pictures)
 
 
 def trained_takes() -> frozenset[str]:
@@ -218,24 +251,12 @@ def trained_takes() -> frozenset[str]:
     return frozenset(_session().metadata.get("training_takes", "").split())
 
 
-def _squeezed(part: Depth) -> Depth:
-    return Depth(
-        part.xyz[:, 0], part.sigma_z[:, 0], part.sigma[:, 0], part.centre[:, 0], part.scale[:, 0]
-    )
-
-
-def _taken(part: Depth, rows: slice) -> Depth:
-    return Depth(
-        part.xyz[rows], part.sigma_z[rows], part.sigma[rows], part.centre[rows], part.scale[rows]
-    )
-
-
 def joined(parts: list[Depth]) -> Depth:
     """One after the other in time."""
-    return Depth(
-        np.concatenate([p.xyz for p in parts]),
-        np.concatenate([p.sigma_z for p in parts]),
-        np.concatenate([p.sigma for p in parts]),
-        np.concatenate([p.centre for p in parts]),
-        np.concatenate([p.scale for p in parts]),
-    )
+    return _each(lambda *values: np.concatenate(values), *parts)
+
+
+def _each(change: Callable[..., FloatArray], *parts: Depth) -> Depth:
+    """Every array of the parts changed, those of one name together."""
+    names = [field.name for field in fields(Depth)]
+    return Depth(**{n: change(*(getattr(part, n) for part in parts)) for n in names})

@@ -31,8 +31,9 @@ def settle_depths(
     lengths: FloatArray,
     *,
     spread: FloatArray | float = 0.015,
-) -> tuple[FloatArray, FloatArray]:
-    """Depths (T, J) that agree with the bones' lengths, and their variance (T, J) mm^2.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Depths (T, J) that agree with the bones' lengths, their variance (T, J) mm^2, and the log
+    odds (T, J - 1) that each bone's end is on the side where it is put.
 
     xyz: (T, J, 3) with the network's depths. sigma_z, sigma_xy: (T, J) of depth and of either
     coordinate of the picture. lengths: (J - 1,); spread: how well each is known, as a
@@ -40,8 +41,8 @@ def settle_depths(
     """
     parents, children = np.array(skeleton.bones).T
     bone = xyz[:, children] - xyz[:, parents]
-    said = bone[..., 2]
-    said_variance = sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2
+    predicted = bone[..., 2]
+    predicted_variance = sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2
     across2 = np.square(bone[..., :2]).sum(axis=-1)
     across_variance = sigma_xy[:, children] ** 2 + sigma_xy[:, parents] ** 2
     # d^2 and the standard deviation of its error, from the errors of length and projection.
@@ -49,44 +50,45 @@ def settle_depths(
     square_sigma = 2 * np.sqrt((spread * lengths**2) ** 2 + across2 * across_variance + 1.0)
     apart = np.sqrt(np.maximum(square, 0.0))
     count = _new_evidence(xyz[..., :2], time_s)
-    nearer = _probability_nearer(said, said_variance, apart, square_sigma, time_s, count)
+    nearer = _probability_nearer(predicted, predicted_variance, apart, square_sigma, time_s, count)
     sign = 2 * nearer - 1
     # Where d is small its error is large: d^2 = square +- square_sigma bounds it.
     apart_variance = np.minimum(square_sigma**2 / (4 * np.maximum(apart, 1.0) ** 2), square_sigma)
     settled_variance = apart_variance + (1 - sign**2) * apart**2
-    trust = said_variance / (said_variance + settled_variance)
-    step = said + trust * (sign * apart - said)
-    variance = said_variance * settled_variance / (said_variance + settled_variance)
-    return _depths(xyz[..., 2], sigma_z**2, step, variance, skeleton)
+    trust = predicted_variance / (predicted_variance + settled_variance)
+    step = predicted + trust * (sign * apart - predicted)
+    variance = predicted_variance * settled_variance / (predicted_variance + settled_variance)
+    depths, depth_variance = _depths(xyz[..., 2], sigma_z**2, step, variance, skeleton)
+    return depths, depth_variance, np.abs(np.log(nearer) - np.log1p(-nearer))
 
 
 def _probability_nearer(
-    said: FloatArray,
-    said_variance: FloatArray,
+    predicted: FloatArray,
+    predicted_variance: FloatArray,
     apart: FloatArray,
     square_sigma: FloatArray,
     time_s: FloatArray,
     count: FloatArray,
 ) -> FloatArray:
     """Probability (T, B) that the bone's far end is nearer to the viewer than its near one."""
-    frames = len(said)
-    scale = np.sqrt(said_variance / 2)  # of a Laplace distribution
-    evidence = count[:, None] * (np.abs(said + apart) - np.abs(said - apart)) / scale
+    frames = len(predicted)
+    scale = np.sqrt(predicted_variance / 2)  # of a Laplace distribution
+    evidence = count[:, None] * (np.abs(predicted + apart) - np.abs(predicted - apart)) / scale
     # The way from one state to the other leads through zero; d itself is uncertain there.
     way = (apart[1:] + apart[:-1]) ** 2
     reach = (_SPEED * np.diff(time_s)[:, None]) ** 2 + square_sigma[1:] + square_sigma[:-1]
     flip = 0.5 * np.exp(-way / (2 * reach))
-    forward, backward = np.zeros_like(said), np.zeros_like(said)
+    forward, backward = np.zeros_like(predicted), np.zeros_like(predicted)
     for t in range(1, frames):
         forward[t] = _carried(forward[t - 1] + evidence[t - 1], flip[t - 1])
     for t in range(frames - 2, -1, -1):
         backward[t] = _carried(backward[t + 1] + evidence[t + 1], flip[t])
-    total = np.clip(forward + evidence + backward, -50, 50)
+    total = np.clip(forward + evidence + backward, -30, 30)
     return np.asarray(1 / (1 + np.exp(-total)))
 
 
 def _new_evidence(xy: FloatArray, time_s: FloatArray) -> FloatArray:
-    """How much (T,) each frame adds to what its neighbours have said, at most 1."""
+    """How much (T,) each frame adds to what its neighbours tell, at most 1."""
     if len(xy) < 2:
         return np.ones(len(xy))
     moved = np.linalg.norm(np.diff(xy, axis=0), axis=-1).mean(axis=1)
@@ -101,20 +103,20 @@ def _carried(odds: FloatArray, flip: FloatArray) -> FloatArray:
 
 
 def _depths(
-    said: FloatArray,
-    said_variance: FloatArray,
+    predicted: FloatArray,
+    predicted_variance: FloatArray,
     step: FloatArray,
     step_variance: FloatArray,
     skeleton: Skeleton,
 ) -> tuple[FloatArray, FloatArray]:
-    """Least squares: joints (T, J) near where they were said to be, bones (T, J - 1) as settled."""
-    frames, joints = said.shape
+    """Least squares: joints (T, J) near where they were predicted, bones (T, J - 1) as settled."""
+    frames, joints = predicted.shape
     # The sum of all joints' errors is common to them (the root's own error): weak, not nothing.
-    weight = 0.25 / said_variance
+    weight = 0.25 / predicted_variance
     normal = np.zeros((frames, joints, joints))
     diagonal = np.arange(joints)
     normal[:, diagonal, diagonal] = weight
-    right = weight * said
+    right = weight * predicted
     for b, (p, c) in enumerate(skeleton.bones):
         w = 1 / step_variance[:, b]
         normal[:, p, p] += w

@@ -5,6 +5,9 @@ resampled to RATE_HZ, root-centred and divided by the track's own scale, and ans
 and how sure it is of them. Axes here are x right, y up, z towards the viewer, in mm on the one body
 of mocap/corpus.py once multiplied by the scale.
 
+Bodies differ: the track's longest projections say something of the dancer's bones, and once more
+is known of them it can be given instead.
+
 B clips, T frames, J = 17 joints of cmu17 or body17, F features.
 """
 
@@ -22,13 +25,20 @@ from dance2pose.skeleton import get
 # Frames per second that the network's temporal filters are trained at.
 RATE_HZ = 15.0
 JOINTS = 17
-# x, y and confidence of every joint; of every bone its longest projection and how far its ends
-# must then lie apart in depth; the kind of skeleton.
-FEATURES = 3 * JOINTS + 2 * (JOINTS - 1) + 1
+BONES = JOINTS - 1
+# x, y and confidence of every joint; of every bone its length, as far as it is known, and how far
+# its ends must then lie apart in depth (twice: a bone taken to be no shorter than the one body's,
+# and as it was seen or is known); the kind of skeleton; whether lengths are known, or only seen;
+# whether the figure's size is known; whether the keypoints' error is stated, and the error.
+FEATURES = 3 * JOINTS + 3 * BONES + 5
+DEFINITION = 3 * JOINTS + 2 * BONES  # the feature that is 1 for body17 and -1 for cmu17
 # Frames at RATE_HZ from the nearest sight of a joint after which its place is not guessed at.
 _HELD = 12
 # Correction of x and y, z, log of the standard deviation of z, log of that of the position.
 OUTPUTS = 5
+# Of every bone: log of its length beside the one body's, and log of how far that may be off.
+BONE_OUTPUTS = 2
+_ERROR_MM = 20.0  # keypoint errors of order one
 # The projection of a bone that is reported as its longest: this quantile over the track, so that a
 # few wrong keypoints do not set the scale.
 _LONGEST = 0.95
@@ -52,16 +62,27 @@ def network_input(
     *,
     body_definition: BoolArray,
     longest: FloatArray | None = None,
+    known: BoolArray | None = None,
+    scale: FloatArray | None = None,
+    error_mm: FloatArray | None = None,
 ) -> NetworkInput:
     """Normalised features of clips.
 
     xy: (B, T, J, 2) y up, NaN where missing, uniform in time. confidence: (B, T, J) in 0..1, about
     1 for a joint seen as well as its detector sees any. body_definition: (B,) True for body17,
     False for cmu17. longest: (B, J - 1) from `longest_projections` over the whole track that the
-    clip is from; of the clip itself by default.
+    clip is from; of the clip itself by default. known: (B,) True where `longest` are the dancer's
+    bone lengths, as well as they are known, rather than projections. scale: (B,) input units per
+    mm where the figure's size is known, NaN where `longest` shall tell it; a bone whose `longest`
+    is NaN may then have any length. error_mm: (B,) standard deviation of the keypoints' slow
+    errors in each direction, mm at the dancer's size; NaN where nothing is stated.
     """
     if longest is None:
         longest = longest_projections(xy)
+    clips = len(xy)
+    known = np.zeros(clips, bool) if known is None else known
+    scale = np.full(clips, np.nan) if scale is None else scale
+    error_mm = np.full(clips, np.nan) if error_mm is None else error_mm
     seen = np.isfinite(xy).all(axis=-1)
     filled = fill_gaps(xy, held=_HELD)
     centre = filled[:, :, 0].copy()
@@ -70,7 +91,8 @@ def network_input(
         centre[unseen_root] = _mean_of_finite(filled[unseen_root])
     centre = np.nan_to_num(centre)
     bones = np.where(body_definition[:, None], BODY17_BONES_MM, BODY_BONES_MM)
-    scale = track_scale(longest, bones)
+    sized = np.isfinite(scale)
+    scale = np.where(sized, scale, track_scale(longest, bones))
     unit = (scale * _UNIT_MM)[:, None, None, None]
     relative = np.nan_to_num((filled - centre[:, :, None]) / unit)
     weight = np.where(seen, confidence, 0.0)
@@ -78,14 +100,29 @@ def network_input(
     full = np.fmax(longest, scale[:, None] * bones)[:, None]
     across = np.linalg.norm(filled[:, :, _CHILDREN] - filled[:, :, _PARENTS], axis=-1)
     apart = np.nan_to_num(np.sqrt(np.maximum(full**2 - across**2, 0.0)) / unit[..., 0])
-    shape = (*xy.shape[:2], JOINTS - 1)
+    as_known = np.maximum(longest[:, None] ** 2 - across**2, 0.0)
+    as_known = np.nan_to_num(np.sqrt(as_known) / unit[..., 0])
+    shape = (*xy.shape[:2], BONES)
+    of_clip = np.stack(
+        [
+            np.where(body_definition, 1.0, -1.0),
+            known,
+            sized,
+            np.isfinite(error_mm),
+            np.nan_to_num(error_mm) / _ERROR_MM,
+        ],
+        axis=-1,
+    )
+    definition, stated = of_clip[:, None, :1], of_clip[:, None, 1:]
     features = np.concatenate(
         [
             relative.reshape(*xy.shape[:2], 2 * JOINTS),
             weight,
             apart,
             np.broadcast_to(lengths[:, None], shape),
-            np.broadcast_to(np.where(body_definition, 1.0, -1.0)[:, None, None], (*shape[:2], 1)),
+            np.broadcast_to(definition, (*shape[:2], 1)),
+            as_known,
+            np.broadcast_to(stated, (*shape[:2], 4)),
         ],
         axis=-1,
     )

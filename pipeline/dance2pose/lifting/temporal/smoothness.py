@@ -40,6 +40,20 @@ def smooth_path(
     return out.reshape(values.shape)
 
 
+def frames_averaged(
+    sigma: FloatArray, time_s: FloatArray, *, acceleration: float | None = None
+) -> FloatArray:
+    """Of how many frames' errors (T, ...) a path of `smooth_path` is the mean, at least 1.
+
+    The smoother is a low-pass filter whose corner is where errors and accelerations are alike.
+    """
+    if len(time_s) < 3:
+        return np.ones_like(sigma)
+    step = float(np.median(np.diff(time_s)))
+    alike = sigma / ((acceleration or _ACCELERATION) * step**2)
+    return np.asarray(np.maximum(2 * np.sqrt(2) * np.sqrt(alike), 1.0))
+
+
 def second_difference_bands(time_s: FloatArray) -> npt.NDArray[np.float64]:
     """Upper bands (3, T) of D' D, where D x is the acceleration of x at the inner frames."""
     before, after = np.diff(time_s)[:-1], np.diff(time_s)[1:]
