@@ -10,30 +10,59 @@ N frames, J joints; mm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from dance2pose.lifting.temporal.body_of_track import Joints
+from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import Skeleton
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # The bend, squared and in variances, that is taken back whole: errors in two directions alone
 # make it 2 on average.
 _TAKEN_BACK = 2.0
+# Where the network does not know a pose at all, nothing speaks for straight limbs either: a larger
+# error than this is not believed to have made a bend, mm.
+_LARGEST_ERROR_MM = 60.0
+# Limbs do not become straight and bent again within this time.
+_LASTING_S = 0.25
 
 
-def straightened(joints: Joints, tree: Skeleton) -> Joints:
-    """The same with elbows and knees nearer to the line between the ends of their limbs."""
-    xyz, variance = joints.xyz.copy(), np.square(joints.sigma)
+def straightened(
+    joints: Joints, tree: Skeleton, time_s: FloatArray, parts: Sequence[IntArray]
+) -> Joints:
+    """The same with elbows and knees nearer to the line between the ends of their limbs.
+
+    time_s: (N,). parts: rows that follow each other in time.
+    """
+    xyz = joints.xyz.copy()
+    variance = np.square(np.minimum(joints.sigma, _LARGEST_ERROR_MM))
     for side in ("left", "right"):
         for limb in _LIMBS:
             a, b, c = (tree.index(f"{side}_{joint}") for joint in limb)
-            chord = xyz[:, c] - xyz[:, a]
-            along = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1.0)
-            upper = xyz[:, b] - xyz[:, a]
-            bend = upper - (upper * along).sum(axis=1, keepdims=True) * along
+            bend = _bend(xyz[:, a], xyz[:, b], xyz[:, c])
             # The line moves with its ends, by half of what each moves where the joint is.
             error = variance[:, b] + (variance[:, a] + variance[:, c]) / 4
-            apart = np.square(bend) / error
-            back = np.minimum(_TAKEN_BACK / np.maximum(apart.sum(axis=1), 1e-9), 1.0)
+            apart = (np.square(bend) / error).sum(axis=1)
+            for part in parts:
+                apart[part] = _mean_nearby(apart[part], time_s[part])
+            back = np.minimum(_TAKEN_BACK / np.maximum(apart, 1e-9), 1.0)
             xyz[:, b] -= back[:, None] * bend
     return Joints(xyz, joints.sigma)
+
+
+def _bend(start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
+    """How far (N, 3) the middle lies off the line from start to end."""
+    chord, upper = end - start, middle - start
+    along = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1.0)
+    return np.asarray(upper - (upper * along).sum(axis=1, keepdims=True) * along)
+
+
+def _mean_nearby(values: FloatArray, time_s: FloatArray) -> FloatArray:
+    """The mean (T,) over frames about as close as _LASTING_S."""
+    if len(values) < 3:
+        return values
+    frames = max(1, round(_LASTING_S / float(np.median(np.diff(time_s)))))
+    return np.asarray(uniform_filter1d(values, frames, mode="nearest"))

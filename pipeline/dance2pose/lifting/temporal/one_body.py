@@ -217,7 +217,7 @@ def _within_limits(
 
 def _with_bones(joints: Joints, seen: Rows, found: Found) -> FloatArray:
     """The poses of that body that are closest."""
-    body, straight = found.body, straightened(joints, seen.tree)
+    body, straight = found.body, straightened(joints, seen.tree, seen.time_s, seen.parts)
     near = with_bone_lengths(
         straight.xyz, bend_variance(straight), seen.tree, body.lengths_mm, spread=body.spread
     )
