@@ -19,7 +19,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
     ("people", "results", "reading", "findings"),
-    ("phrases", "clock", "comparison", "recording"),
+    ("phrases", "even_rate", "comparison", "recording"),
     ("outputs",),
     ("export",),
     ("saving", "front_door"),

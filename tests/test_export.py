@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from dance2pose import export
-from dance2pose.clock import even
 from dance2pose.errors import DataError, OutputError, UsageError, VideoError
+from dance2pose.even_rate import even
 from dance2pose.exchange import write_poses, write_track
 from dance2pose.export import FORMS, ExportScene
 from dance2pose.export.scene import SceneDancer

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.body import bone_lengths
-from dance2pose.clock import Times, even
 from dance2pose.errors import DataError, UsageError
+from dance2pose.even_rate import Times, even
 from dance2pose.holes import holes
 from dance2pose.phrases import find_phrases
 from dance2pose.poses import FloatArray, Track3D, Unit

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
-from dance2pose.clock import even, runs
+from dance2pose.even_rate import even, runs
 from dance2pose.poses import FloatArray, Track3D
 
 KEY_POSE_SMOOTHING_S = 0.15

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dance2pose.clock import bridged, even, is_known
+from dance2pose.even_rate import bridged, even, is_known
 from dance2pose.export.rig import Rig, make_rig, stretch
 from dance2pose.export.scene import ExportScene
 from dance2pose.poses import FloatArray

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from dance2pose.clock import step_s
+from dance2pose.even_rate import step_s
 from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.phrases import Phrase, find_phrases
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose import __version__
-from dance2pose.clock import bridged, is_known, runs, step_s
+from dance2pose.even_rate import bridged, is_known, runs, step_s
 from dance2pose.export.extras import need
 from dance2pose.export.mannequin import SIDES, make_mesh
 from dance2pose.export.rig import Rig, make_rig, rest_directions

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.io import netcdf_file
 
-from dance2pose.clock import frame_rate
 from dance2pose.errors import UsageError
+from dance2pose.even_rate import frame_rate
 from dance2pose.export.scene import AXES, ExportScene
 
 # A classic netCDF file takes no larger variable.

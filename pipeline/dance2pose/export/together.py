@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dance2pose.clock import EvenMotion, Times, even, frame_rate
+from dance2pose.even_rate import EvenMotion, Times, even, frame_rate
 from dance2pose.export.scene import ExportScene
 from dance2pose.poses import FloatArray
 
