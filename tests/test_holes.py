@@ -42,6 +42,7 @@ def test_frames_tell_holes_where_they_are_known() -> None:
         holes(None)
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.001, 10), min_size=1, max_size=30))
 def test_the_usual_step_is_one_that_occurs(steps: list[float]) -> None:
     step = usual_step(np.cumsum([0.0, *steps]))

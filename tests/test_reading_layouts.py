@@ -128,6 +128,7 @@ def test_names_of_joints_in_the_habits_of_tools(name: str, meant: str) -> None:
     assert meaning(name) == meant
 
 
+@settings(deadline=None)
 @given(st.sampled_from(KEYPOINTS), st.randoms(use_true_random=False))
 def test_a_skeleton_is_known_by_its_names_in_any_order(name: str, random: object) -> None:
     joints = list(skeleton.get(name).joints)

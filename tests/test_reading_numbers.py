@@ -92,6 +92,7 @@ def test_two_pictures_of_one_number_are_named() -> None:
         _named("f_30.jpg", "f_31.jpg", "f_31 (1).jpg")
 
 
+@settings(deadline=None)
 @given(
     numbers=st.lists(st.integers(0, 99_999), min_size=3, max_size=20, unique=True),
     head=st.from_regex(r"[a-z]{0,4}[ _.-]?", fullmatch=True),

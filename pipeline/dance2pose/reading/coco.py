@@ -10,6 +10,7 @@ import numpy as np
 from dance2pose.errors import DataError
 from dance2pose.reading.content import Content, Float64Array, Picture, Sighting, box_from, points
 from dance2pose.reading.json_files import (
+    FRAME_KEYS,
     entry,
     first,
     number,
@@ -18,7 +19,6 @@ from dance2pose.reading.json_files import (
     whole_number,
 )
 
-_FRAME = ("frame_id", "frame_index", "frame_idx", "frame_number", "frame_num", "frame")
 _IDENTITY = ("track_id", "person_id", "idx", "instance_id")
 _PERSON = 1  # COCO's own number of the category
 
@@ -103,7 +103,7 @@ class _Places:
         if name in self._by_name:
             return self._by_name[name]
         key = whole_number(one["image_id"])
-        frame = whole_number(first(one, *_FRAME))
+        frame = whole_number(first(one, *FRAME_KEYS))
         return self.add(
             Picture([], name=None if key is not None else name, key=key, frame=frame), name
         )
@@ -115,7 +115,7 @@ def _picture(image: dict[str, Any]) -> Picture:
     return Picture(
         [],
         name=name if isinstance(name, str) else None,
-        frame=whole_number(first(image, *_FRAME)),
+        frame=whole_number(first(image, *FRAME_KEYS)),
         key=image["id"] if isinstance(image["id"], (int, str)) else None,
         video="" if video is None else str(video),
         size=size_of(image),

@@ -12,6 +12,11 @@ from dance2pose.errors import DataError
 LARGEST_JSON = 512 * 1024**2
 # Deeper than any of the formats; Python's parser would otherwise decide by its own stack.
 DEEPEST = 64
+# What tools call the number of a frame.
+FRAME_KEYS = (
+    *("frame_id", "frame_index", "frame_idx", "frame_number", "frameNumber", "frame_num", "frame"),
+    "index",
+)
 
 
 def load_json(path: Path) -> Any:

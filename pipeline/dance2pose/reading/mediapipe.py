@@ -9,12 +9,11 @@ import numpy as np
 
 from dance2pose.errors import DataError
 from dance2pose.reading.content import Content, Picture, Sighting
-from dance2pose.reading.json_files import first, number, size_of, whole_number
+from dance2pose.reading.json_files import FRAME_KEYS, first, number, size_of, whole_number
 
 _FRAMES = ("frames", "results", "data", "poses_by_frame")
 # Of the JavaScript, Python and protobuf interfaces; world landmarks are metres and not these.
 _LANDMARKS = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "pose", "keypoints")
-_FRAME = ("frame", "frame_id", "frame_index", "frame_idx", "frame_number", "frameNumber", "index")
 _SECONDS = ("time_s", "timestamp_s", "time", "timestamp_sec", "seconds")
 _MILLISECONDS = ("timestamp_ms", "timestampMs", "time_ms")
 _SURE = ("visibility", "presence", "score", "confidence")
@@ -41,7 +40,7 @@ def read_mediapipe(path: Path, content: Any) -> Content:
             Picture(
                 people,
                 name=path.name if len(frames) == 1 else None,
-                frame=whole_number(first(facts, *_FRAME)),
+                frame=whole_number(first(facts, *FRAME_KEYS)),
                 time_s=_time(facts),
                 size=size_of(facts) or size,
             )

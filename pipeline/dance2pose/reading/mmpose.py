@@ -9,9 +9,8 @@ import numpy as np
 
 from dance2pose.errors import DataError
 from dance2pose.reading.content import Content, Picture, Sighting, box_from, points
-from dance2pose.reading.json_files import first, number, require, size_of, whole_number
+from dance2pose.reading.json_files import FRAME_KEYS, first, number, require, size_of, whole_number
 
-_FRAME = ("frame_id", "frame_index", "frame_idx", "frame_number", "frame_num", "frame")
 _NAME = ("img_path", "image_path", "file_name", "image", "image_name", "image_id")
 _PEOPLE = ("instances", "people", "persons", "poses")
 _KEYPOINTS = ("keypoints", "pose_keypoints_2d")
@@ -75,7 +74,7 @@ def _picture(path: Path, one: Any, inside: str, found: Content) -> Picture:
     return Picture(
         _people(path, people, f"{inside}.{key}", found),
         name=name if isinstance(name, str) else None,
-        frame=whole_number(first(one, *_FRAME)),
+        frame=whole_number(first(one, *FRAME_KEYS)),
         time_s=number(first(one, "time_s", "timestamp_s")),
         size=size_of(one),
     )

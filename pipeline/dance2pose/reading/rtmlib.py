@@ -10,9 +10,7 @@ import numpy.typing as npt
 
 from dance2pose.errors import DataError
 from dance2pose.reading.content import Content, Float64Array, Picture, Sighting
-from dance2pose.reading.json_files import first, number, require, size_of, whole_number
-
-_FRAME = ("frame_id", "frame_index", "frame_idx", "frame_number", "frame_num", "frame")
+from dance2pose.reading.json_files import FRAME_KEYS, first, number, require, size_of, whole_number
 
 
 def is_rtmlib(content: Any) -> bool:
@@ -51,7 +49,7 @@ def read_rtmlib(path: Path, content: Any) -> Content:
             Picture(
                 _people(one["keypoints"], one["scores"], f"{path}: [{n}].keypoints"),
                 name=name if isinstance(name, str) else None,
-                frame=whole_number(first(one, *_FRAME)),
+                frame=whole_number(first(one, *FRAME_KEYS)),
                 time_s=number(first(one, "time_s", "timestamp_s")),
                 size=size_of(one),
             )
