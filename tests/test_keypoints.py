@@ -122,11 +122,19 @@ def test_seventeen_keypoints_are_what_the_manifest_says(tmp_path: Path) -> None:
     check(poses, xy, scores)
 
 
-def test_whole_body_models_give_body_and_feet(tmp_path: Path) -> None:
+def test_whole_body_models_give_hands_and_face_too(tmp_path: Path) -> None:
     path, xy, scores = simcc_graph(tmp_path / "m.onnx", 133)
     model = load_pose_model(path)
     assert isinstance(model, KeypointEstimator)
-    assert model.skeleton == "coco23"
+    assert model.skeleton == "wholebody133"
+    check(model.estimate(IMAGE, BOXES), xy, scores)
+
+
+def test_a_whole_body_model_can_be_read_as_body_and_feet_alone(tmp_path: Path) -> None:
+    path, xy, scores = simcc_graph(tmp_path / "m.onnx", 133)
+    (tmp_path / "m.toml").write_text('skeleton = "coco23"\n')
+    model = load_pose_model(path)
+    assert isinstance(model, KeypointEstimator)
     check(model.estimate(IMAGE, BOXES), xy[:, :23], scores[:, :23])
 
 

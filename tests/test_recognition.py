@@ -156,7 +156,7 @@ def test_inspect_on_the_command_line(tmp_path: Path) -> None:
     before = inspect_model(path)
     assert before.manifest_file == tmp_path / "rtmdet.toml"
     again = run(str(path), "--write")
-    assert (again.returncode, "exists already" in again.stderr) == (1, True)
+    assert (again.returncode, "exists already" in again.stderr) == (2, True)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     assert run(str(path), "-o", str(elsewhere / "mine.toml")).returncode == 0

@@ -12,41 +12,55 @@ from typing import Any
 import numpy.typing as npt
 
 from dance2pose import exchange, smoothing
-from dance2pose.errors import DataError
 from dance2pose.npz_files import read_arrays
 from dance2pose.poses import FloatArray, Track2D, Track3D
+from dance2pose.reading import read_poses, read_tracks
+
+# Forms of 3D joints; every other file is looked into for keypoints.
+_JOINTS = (".trc", ".c3d", ".bvh")
 
 
-def load(path: Path | str) -> Track2D | Track3D:
-    """Read a track (2D) or poses (3D) that dance2pose wrote.
+def load(path: Path | str, **how: Any) -> Track2D | Track3D | list[Track2D] | list[Track3D]:
+    """Read keypoints or poses of dance2pose or of another tool.
 
     Parameters
     ----------
     path
-        A `.npz` of either kind.
+        A `.npz` that dance2pose wrote; keypoints as OpenPose, COCO, AlphaPose, MMPose, rtmlib,
+        MediaPipe, DeepLabCut and SLEAP write them; or joints in a TRC, C3D, BVH or CSV.
+    **how
+        What the file does not say: `frame_rate`, `skeleton`, `image_size` and `person` of
+        keypoints, as `dance2pose lift` takes them; `unit` and `up` of joints.
 
     Returns
     -------
-    Track2D or Track3D
-        Whichever the file holds.
+    Track2D, Track3D, or a list of either
+        A `.npz` of dance2pose holds one; files of other tools hold several people.
 
     Raises
     ------
     DataError
-        For a file that is missing, damaged, or holds neither.
+        For a file that is missing, damaged, or of no known form.
+    UsageError
+        Where the file needs to be told something, or is told what it says itself.
 
     Examples
     --------
     >>> load("tape.npz").xyz.shape  # doctest: +SKIP
     (545, 17, 3)
+    >>> load("alphapose.json", frame_rate=25)  # doctest: +SKIP
+    [Track2D(dancer 1: ...), Track2D(dancer 2: ...)]
     """
     path = Path(path)
-    arrays = read_arrays(path)
-    if "xyz" in arrays:
-        return exchange.read_poses(path)
-    if "xy" in arrays:
-        return exchange.read_track(path)
-    raise DataError(f"{path}: has neither xy nor xyz; expected a track or poses of dance2pose")
+    if path.suffix.lower() == ".npz" and path.is_file():
+        arrays = read_arrays(path)
+        if "xyz" in arrays:
+            return exchange.read_poses(path)
+        if "xy" in arrays:
+            return exchange.read_track(path)
+    if path.suffix.lower() in _JOINTS:
+        return list(read_poses(path, **how).tracks)
+    return list(read_tracks(path, **how).tracks)
 
 
 def smooth(

@@ -23,18 +23,6 @@ from dance2pose.onnx_models.manifest import Kind, Layout, Manifest
 Outputs = Mapping[str, Array]
 FloatMatrix = npt.NDArray[np.float32]
 
-# Which skeleton a number of keypoints means where no manifest says; the first is the default.
-SKELETONS_BY_COUNT: dict[int, tuple[str, ...]] = {
-    16: ("mpii16",),
-    17: ("coco17", "h36m17"),
-    23: ("coco23",),
-    25: ("body25",),
-    26: ("halpe26",),
-    33: ("blazepose33",),
-    # COCO-WholeBody: body and feet come first; face and hands are not used.
-    133: ("coco23",),
-}
-
 
 class Graph:
     """A loaded graph as the forms see it: shapes with their open lengths found by running it.

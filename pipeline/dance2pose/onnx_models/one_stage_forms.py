@@ -8,7 +8,6 @@ import numpy as np
 
 from dance2pose.onnx_models import evidence
 from dance2pose.onnx_models.forms import (
-    SKELETONS_BY_COUNT,
     Detections,
     Graph,
     Match,
@@ -20,6 +19,7 @@ from dance2pose.onnx_models.inference import Array
 from dance2pose.onnx_models.manifest import Manifest
 from dance2pose.onnx_models.presets import ULTRALYTICS_INPUT, YOLOX_INPUT
 from dance2pose.onnx_models.yolo_forms import ULTRALYTICS_ASSUMED, is_grid, yolo_strides
+from dance2pose.skeleton import SKELETONS_BY_COUNT
 
 # RTMO -----------------------------------------------------------------------------------------
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from dance2pose.onnx_models.forms import SKELETONS_BY_COUNT, Graph, Match, OutputForm, Outputs
+from dance2pose.onnx_models.forms import Graph, Match, OutputForm, Outputs
 from dance2pose.onnx_models.inference import Array, TensorInfo
 from dance2pose.onnx_models.manifest import Manifest
 from dance2pose.onnx_models.presets import IMAGENET
+from dance2pose.skeleton import SKELETONS_BY_COUNT
 
 Keypoints = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 

@@ -12,7 +12,6 @@ from dance2pose import skeleton as skeletons
 from dance2pose.errors import ModelError
 from dance2pose.onnx_models.detector_forms import DETECTOR_FORMS
 from dance2pose.onnx_models.forms import (
-    SKELETONS_BY_COUNT,
     Graph,
     Match,
     OutputForm,
@@ -37,6 +36,7 @@ from dance2pose.onnx_models.manifest import (
 from dance2pose.onnx_models.one_stage_forms import ONE_STAGE_FORMS
 from dance2pose.onnx_models.pose_forms import POSE_FORMS
 from dance2pose.onnx_models.registry import file_sha256, located
+from dance2pose.skeleton import SKELETONS_BY_COUNT
 
 # In the order in which they are tried: the more particular before the more general.
 FORMS: dict[str, OutputForm] = {
@@ -268,7 +268,12 @@ def _check(path: Path, manifest: Manifest, match: Match) -> None:
         )
     if match.keypoints is not None and manifest.skeleton is not None:
         joints = len(skeletons.get(manifest.skeleton))
-        fits = manifest.skeleton in SKELETONS_BY_COUNT.get(match.keypoints, ())
+        # Body and feet come first in a whole body, and may be all that is wanted.
+        wanted, whole = (
+            skeletons.get(manifest.skeleton),
+            SKELETONS_BY_COUNT.get(match.keypoints, ()),
+        )
+        fits = any(skeletons.get(name).joints[:joints] == wanted.joints for name in whole)
         if joints != match.keypoints and not fits:
             raise ModelError(
                 f"{path}: gives {match.keypoints} keypoints, but {manifest.skeleton} has {joints}"
