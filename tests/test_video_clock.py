@@ -185,6 +185,36 @@ def test_frames_that_are_missing_leave_their_time(tmp_path: Path) -> None:
     assert video.warnings == ["frames seem to be missing at 2 places, 0.16 s in all"]
 
 
+def test_recordings_joined_end_to_end_are_not_damaged(tmp_path: Path) -> None:
+    parts = [numbered_video(tmp_path / f"{part}.ts", 20).read_bytes() for part in range(2)]
+    (tmp_path / "a.ts").write_bytes(b"".join(parts))
+    numbers, times, video = read(tmp_path / "a.ts")
+    assert numbers == [*range(20), *range(20)]
+    assert times == pytest.approx([number / 25 for number in range(40)], abs=1e-3)
+    assert not video.damaged
+    assert len(video.warnings) == 1 and "begin again at 1 places" in video.warnings[0]
+
+
+def test_pictures_that_build_upon_what_was_cut_off_are_no_damage(tmp_path: Path) -> None:
+    """HEVC cut at a key picture before which pictures are shown that refer to what was cut off."""
+    options = {
+        "preset": "ultrafast",
+        "x265-params": "open-gop=1:keyint=20:bframes=3:log-level=none",
+    }
+    whole = numbered_video(tmp_path / "whole.mp4", 60, codec="libx265", options=options)
+    path = tmp_path / "cut.mkv"
+    with av.open(str(whole)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        packets = [p for p in source.demux(video=0) if p.size]
+        start = next(i for i, p in enumerate(packets) if i > 10 and p.is_keyframe)
+        for packet in packets[start:]:
+            packet.stream = stream
+            target.mux(packet)
+    numbers, _, video = read(path)
+    assert numbers == list(range(20, 60)) and not video.damaged
+    assert ["cannot be shown" in line for line in video.warnings] == [True]
+
+
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "count", "rate", "length_s", "offset_s"),

@@ -203,7 +203,7 @@ class FrameReader:
     def _account(self) -> None:
         """Say what was lost and what was supposed."""
         source, info, clock = self._source, self.info, self._clock
-        losses = source.losses()
+        losses = source.losses(joins=clock.restarts)
         announced_s = tagged_length_s(source.stream)
         if source.complete and not losses and announced_s is not None:
             short_s = announced_s - clock.end_s

@@ -249,8 +249,11 @@ class Source:
     def _is_before(self, pts: int | None) -> bool:
         return self._first_pts is not None and pts is not None and pts < self._first_pts
 
-    def losses(self) -> list[str]:
-        """What was lost so far, one line each; empty for a sound file."""
+    def losses(self, *, joins: int = 0) -> list[str]:
+        """What was lost so far, one line each; empty for a sound file.
+
+        joins: places where another recording was joined on, whose packets do not follow on.
+        """
         lines = []
         missing = self._missing() if self.complete else 0
         if missing:
@@ -268,8 +271,9 @@ class Source:
             lines.append(f"the checksums of {self._checksums.failed} of {self.frames} frames fail")
         if self.read_errors:
             lines.append(f"the file could not be read in {self.read_errors} places")
-        if not lines and self.damaged_packets:
-            lines.append(f"{self.damaged_packets} packets are damaged in the file")
+        damaged = self.damaged_packets - joins
+        if not lines and damaged > 0:
+            lines.append(f"{damaged} packets are damaged in the file")
         return lines
 
     @property
