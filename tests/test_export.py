@@ -14,10 +14,11 @@ import pytest
 from dance2pose import export
 from dance2pose.errors import DataError, OutputError, UsageError, VideoError
 from dance2pose.even_rate import even
-from dance2pose.exchange import write_poses, write_track
+from dance2pose.exchange import read_track, write_poses, write_track
 from dance2pose.export import FORMS, ExportScene
 from dance2pose.export.scene import SceneDancer
-from dance2pose.poses import Timeline, Track3D
+from dance2pose.poses import Timeline, Track2D, Track3D
+from dance2pose.skeleton import get
 from export_making import NTSC, SCENES, TIMES, make_poses, make_scene, variable_times, with_gap
 from video_making import numbered_video, read_number
 
@@ -583,3 +584,38 @@ def test_every_form_that_can_hold_it_names_its_maker(
     export.write(filmed, tmp_path / f"out{suffix}")
     said = b"dance2pose" in (tmp_path / f"out{suffix}").read_bytes()
     assert said != (suffix in (".bvh", ".csv", ".long.csv", ".keypoints.csv", ".phrases.csv"))
+
+
+# Hands and face
+
+
+def whole_body_track(poses: Track3D) -> Track2D:
+    """Keypoints of a whole-body model whose right hand is not seen in the first half."""
+    count = len(get("wholebody133"))
+    xy = np.random.default_rng(5).uniform(10, 90, (len(poses), count, 2))
+    xy[: len(poses) // 2, -21:] = np.nan
+    return Track2D.from_arrays(
+        xy,
+        time_s=poses.time_s,
+        frame=poses.frame,
+        skeleton="wholebody133",
+        image_size=(128, 96),
+    )
+
+
+def test_hands_and_face_leave_as_keypoints_and_not_as_joints(tmp_path: Path) -> None:
+    import pandas as pd
+
+    poses = make_poses(TIMES[:8])
+    track = whole_body_track(poses)
+    scene = ExportScene((SceneDancer(poses, track),))
+    export.write(scene, tmp_path / "out.keypoints.csv")
+    table = pd.read_csv(tmp_path / "out.keypoints.csv")
+    finger = table[table["keypoint"] == "right_index_finger_4"]
+    column = get("wholebody133").index("right_index_finger_4")
+    np.testing.assert_array_equal(finger[["x_px", "y_px"]].to_numpy(), track.xy[:, column])
+    assert finger["x_px"].isna().sum() == 4
+    export.write(scene, tmp_path / "out.csv")
+    assert not any("finger" in name for name in pd.read_csv(tmp_path / "out.csv").columns)
+    write_track(tmp_path / "out.track.npz", track)
+    np.testing.assert_allclose(read_track(tmp_path / "out.track.npz").xy, track.xy, rtol=1e-6)

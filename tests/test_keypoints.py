@@ -130,11 +130,12 @@ def test_whole_body_models_give_hands_and_face_too(tmp_path: Path) -> None:
     check(model.estimate(IMAGE, BOXES), xy, scores)
 
 
-def test_a_whole_body_model_can_be_read_as_body_and_feet_alone(tmp_path: Path) -> None:
+def test_a_manifest_can_ask_a_whole_body_model_for_body_and_feet(tmp_path: Path) -> None:
     path, xy, scores = simcc_graph(tmp_path / "m.onnx", 133)
     (tmp_path / "m.toml").write_text('skeleton = "coco23"\n')
     model = load_pose_model(path)
     assert isinstance(model, KeypointEstimator)
+    assert model.skeleton == "coco23"
     check(model.estimate(IMAGE, BOXES), xy[:, :23], scores[:, :23])
 
 

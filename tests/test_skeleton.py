@@ -86,3 +86,10 @@ def test_unknown_names_say_what_is_known() -> None:
         skeleton.get("kinect")
     with pytest.raises(UsageError, match=r"no joint 'tail'.*left_wrist"):
         skeleton.get("coco17").index("tail")
+
+
+def test_the_body_of_a_whole_body_skeleton_is_without_face_and_hands() -> None:
+    body = [skeleton.get("wholebody133").joints[i] for i in skeleton.body_keypoints("wholebody133")]
+    assert tuple(body) == skeleton.get("coco23").joints
+    assert len(skeleton.body_keypoints("halpe136")) == 26
+    assert skeleton.body_keypoints("coco17") == list(range(17))

@@ -19,7 +19,7 @@ from dance2pose.skeleton_tables.mappings import MAPPINGS
 from dance2pose.skeleton_tables.mappings import SKELETONS_BY_COUNT as SKELETONS_BY_COUNT
 from dance2pose.skeleton_tables.model import Skeleton as Skeleton
 from dance2pose.skeleton_tables.trees import TREES
-from dance2pose.skeleton_tables.whole_body import WHOLE_BODIES
+from dance2pose.skeleton_tables.whole_body import FIRST_OF_FACE, WHOLE_BODIES
 
 _BY_NAME = {skeleton.name: skeleton for skeleton in (*TREES, *BODIES, *WHOLE_BODIES)}
 
@@ -41,6 +41,17 @@ def lifting_skeleton(name: str) -> Skeleton:
     """The skeleton in which poses of skeleton `name` are lifted: itself if a tree, else body17."""
     skeleton = get(name)
     return skeleton if skeleton.is_tree else _BY_NAME["body17"]
+
+
+def body_keypoints(name: str) -> list[int]:
+    """Indices of a skeleton's keypoints without the face and hands that whole-body ones append.
+
+    Those outnumber the body four to one and are often unseen: what tells people apart, or says how
+    well somebody is seen, asks the body alone.
+    """
+    joints = get(name).joints
+    end = joints.index(FIRST_OF_FACE) if FIRST_OF_FACE in joints else len(joints)
+    return list(range(end))
 
 
 def convert(

@@ -9,7 +9,7 @@ import numpy as np
 
 from dance2pose.poses import FloatArray, Image
 from dance2pose.recording.style import dancer_colour, side_colour
-from dance2pose.skeleton import Skeleton
+from dance2pose.skeleton import Skeleton, body_keypoints
 
 Colour = tuple[int, int, int]
 
@@ -24,7 +24,7 @@ _HALO: Colour = (20, 20, 20)
 def draw_skeleton(image: Image, xy: FloatArray, skeleton: Skeleton, person: int) -> None:
     """Draw points (J, 2) px and the lines of the skeleton between those that are known."""
     size = max(1, round(min(image.shape[:2]) / 240))
-    small = len(skeleton) > 40
+    body = len(body_keypoints(skeleton.name))
     bones = [(a, b) for a, b in skeleton.bones if np.isfinite(xy[[a, b]]).all()]
     for width, dark in ((size + 2, True), (size, False)):
         for a, b in bones:
@@ -33,7 +33,7 @@ def draw_skeleton(image: Image, xy: FloatArray, skeleton: Skeleton, person: int)
     for joint, place in enumerate(xy):
         if np.isfinite(place).all():
             colour = joint_colour(skeleton.joints[joint], person)
-            radius = size if small else size + 1
+            radius = size + 1 if joint < body else size
             cv2.circle(image, _pixel(place), radius, colour, -1, cv2.LINE_AA)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dance2pose.angles import track_angles
 from dance2pose.poses import BoolArray, Dancer, FloatArray
+from dance2pose.skeleton import body_keypoints
 
 
 class Curve(NamedTuple):
@@ -26,18 +27,19 @@ def angle_curves(dancer: Dancer) -> dict[str, Curve]:
 def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     """What tells how far to trust each frame: means over what was seen, a count of what was lifted.
 
-    By entity name: confidence, reprojection_error (px), invalid_bones, and sigma where the lifter
-    knows its uncertainty (in the unit of the poses).
+    By entity name: confidence (of the body, without hands and face), reprojection_error (px),
+    invalid_bones, and sigma where the lifter knows its uncertainty (in the unit of the poses).
     """
     track, joints = dancer.keypoints, dancer.smoothed
     # Smoothing drops what it cannot know again: error and sigma are those of the lifted poses.
     raw = dancer.raw
-    seen = np.asarray(~np.isnan(track.xy).any(axis=2))
+    body = body_keypoints(track.skeleton)
+    seen = np.asarray(~np.isnan(track.xy[:, body]).any(axis=2))
     lifted = ~np.isnan(joints.xyz).all(axis=(1, 2))
     invalid = np.where(lifted, (~joints.valid).sum(axis=1), np.nan)
     error = raw.reprojection_error
     curves = {
-        "confidence": Curve("mean confidence", _row_mean(track.confidence, seen)),
+        "confidence": Curve("mean confidence", _row_mean(track.confidence[:, body], seen)),
         "reprojection_error": Curve("reprojection, px", _row_mean(error, ~np.isnan(error))),
         "invalid_bones": Curve("invalid bones", invalid),
     }

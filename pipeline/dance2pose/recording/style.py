@@ -18,7 +18,7 @@ from dance2pose.recording.entities import (
 from dance2pose.recording.placement import Placement
 from dance2pose.recording.plots import angle_curves, trust_curves
 from dance2pose.recording.quiet_rerun import rr
-from dance2pose.skeleton import Skeleton, get
+from dance2pose.skeleton import Skeleton, body_keypoints, get
 
 Colour = tuple[int, int, int]
 # One a dancer, legible on a dark ground and on most pictures; never near the two side colours.
@@ -33,6 +33,8 @@ _DANCERS: tuple[Colour, ...] = (
 _LEFT: Colour = (80, 160, 255)
 _RIGHT: Colour = (255, 100, 80)
 _RAW: Colour = (120, 120, 132)
+# Radii of keypoints, in points of the screen.
+_BODY_POINTS, _SMALL_POINTS = 3.0, 1.2
 _PLOT: Colour = (220, 220, 220)
 
 
@@ -80,7 +82,7 @@ def side_colour(joint: str, middle: Colour) -> Colour:
 def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -> None:
     person = dancer.person
     keypoints = rr.Points2D.from_fields(
-        radii=rr.Radius.ui_points(3.0),
+        radii=_radii(dancer.keypoints.skeleton),
         show_labels=False,
         draw_order=20.0,
         class_ids=person,
@@ -95,6 +97,15 @@ def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -
     )
     stream.log(keypoints_path(person), keypoints, static=True)
     stream.log(box_path(person), box, static=True)
+
+
+def _radii(skeleton: str) -> list[float]:
+    """One for all keypoints, or a smaller one for those of face and hands, which lie close."""
+    count, body = len(get(skeleton)), len(body_keypoints(skeleton))
+    # Negative: points of the screen, not pixels of the picture.
+    sizes = [-_BODY_POINTS] if count == body else [-_BODY_POINTS] * body
+    sizes += [-_SMALL_POINTS] * (count - body)
+    return sizes
 
 
 def _style_world(stream: rr.RecordingStream, dancer: Dancer) -> None:

@@ -62,6 +62,7 @@ def _hand(side: str) -> tuple[str, Edges]:
     return " ".join([root, *(name for finger in fingers for name in finger)]), tuple(edges)
 
 
+FIRST_OF_FACE = _FACE_PARTS[0][0]
 _face_joints, _face_edges = _face()
 _left, _left_edges = _hand("left")
 _right, _right_edges = _hand("right")

@@ -125,6 +125,7 @@ class Tracker:
         self.settings = settings or TrackingSettings()
         self._joints = len(skeletons.get(skeleton))
         self._torso = torso_joints(skeleton)
+        self._body = skeletons.body_keypoints(skeleton)
         self._frame: list[int] = []
         self._time_s: list[float] = []
         self._shot_starts: list[int] = [0]
@@ -211,10 +212,13 @@ class Tracker:
         xy[missing], confidence[missing] = np.nan, 0
         xyxy = boxes.xyxy.astype(np.float64)
         keep = np.isfinite(xyxy).all(axis=1)
-        keep &= (~missing).sum(axis=1) >= min(self.settings.min_keypoints, self._joints)
-        strength = boxes.confidence * confidence.mean(axis=1)
+        body = (~missing)[:, self._body].sum(axis=1)
+        keep &= body >= min(self.settings.min_keypoints, len(self._body))
+        strength = boxes.confidence * confidence[:, self._body].mean(axis=1)
         xy, xyxy, confidence = xy[keep], xyxy[keep], confidence[keep]
-        once = ~duplicates(xy, xyxy, strength[keep], threshold=self.settings.same_person)
+        once = ~duplicates(
+            xy[:, self._body], xyxy, strength[keep], threshold=self.settings.same_person
+        )
         xy, xyxy, confidence = xy[once], xyxy[once], confidence[once]
         overlap = box_overlaps(xyxy, xyxy) - np.eye(len(xyxy))
         alone = np.max(overlap, axis=1, initial=0) < _OVERLAP
@@ -254,8 +258,8 @@ class Tracker:
             (
                 _KEYPOINTS * fresh,
                 keypoint_similarities(
-                    candidate.expected_xy()[np.newaxis],
-                    detections.xy[free],
+                    candidate.expected_xy()[np.newaxis, self._body],
+                    detections.xy[free][:, self._body],
                     size,
                     sigma=NEXT_PICTURE_SIGMA,
                 )[0],
