@@ -62,7 +62,7 @@ class Measures:
 class QualityLimits:
     """Where a measure makes a verdict `review`, and where `poor`.
 
-    Chosen on motion capture that is not used for evaluation; see docs/archive.md.
+    Chosen by reason and not fitted to anything; docs/archive.md tells how well they serve.
     """
 
     review_pose_share: float = 0.9
