@@ -15,6 +15,7 @@ from dance2pose.lifting.temporal.body_estimate import (
     from_depths,
     from_network,
 )
+from dance2pose.mocap.bodies import variations
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 
@@ -173,3 +174,8 @@ def test_the_opinion_of_the_network_stands_in_where_depths_are_silent() -> None:
     surer = Measured(np.log(lengths / USUAL), np.full(BONES, 0.003))
     body, _ = estimate([surer], "cmu17", opinion=opinion)
     np.testing.assert_allclose(body.lengths_mm, lengths, rtol=0.01)
+
+
+def test_bodies_that_are_drawn_vary_as_the_prior_says() -> None:
+    drawn = np.log(variations(np.random.default_rng(18), 40000))
+    np.testing.assert_allclose(np.cov(drawn.T), log_covariance(), atol=4e-4)

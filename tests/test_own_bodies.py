@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dance2pose.body import body_bones_mm, bone_lengths, retarget
+from dance2pose.body_variation import SPREAD
 from dance2pose.evaluation.cameras import IMAGE_SIZE, scenes, with_noise, with_slow_errors
 from dance2pose.evaluation.lifters import LifterEntry
 from dance2pose.evaluation.metrics import flexion_errors
@@ -29,7 +30,7 @@ from dance2pose.evaluation.scoring import run
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.lifting.lifted import Lifted, Observed
 from dance2pose.lifting.world.perspective import camera_of, place
-from dance2pose.mocap.bodies import SPREAD, drawn_bodies, variations
+from dance2pose.mocap.bodies import drawn_bodies, variations
 from dance2pose.mocap.corpus import Take, read_take
 from dance2pose.progress import Silent
 from dance2pose.skeleton import get

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dance2pose.body import body_bones_mm
+from dance2pose.body import Body, body_bones_mm
 from dance2pose.errors import UsageError
-from dance2pose.lifting.lift import lift
+from dance2pose.lifting.lift import lift, lift_with_bodies
 from dance2pose.lifting.lifted import Observed
 from dance2pose.lifting.temporal.one_body import SequenceSettings
 from dance2pose.lifting.temporal.sequence import lift_frames
@@ -262,6 +262,53 @@ def test_height_sets_metres(take: Take) -> None:
 def test_very_short_tracks(take: Take, frames: int) -> None:
     lifted = lift_frames(observed(take.xyz[:frames]))
     assert np.isfinite(lifted.xyz).all() and lifted.xyz.shape == (frames, 17, 3)
+
+
+def test_a_body_known_before_is_the_one_that_is_found(take: Take) -> None:
+    truth = resample(take, 30.0).xyz[:40]
+    usual = body_bones_mm("cmu17")
+    lengths = usual * np.where(np.arange(len(usual)) % 3 == 0, 1.15, 0.95)
+    lengths *= usual.sum() / lengths.sum()
+    known = Body("cmu17", lengths, np.full(len(usual), 0.001))
+    lifted = lift_frames(observed(truth, body=known))
+    assert lifted.body is not None
+    np.testing.assert_allclose(lifted.body.lengths_mm, lengths, rtol=0.01)
+    parents, children = np.array(get("cmu17").bones).T
+    found = np.linalg.norm(lifted.xyz[:, children] - lifted.xyz[:, parents], axis=-1)
+    np.testing.assert_allclose(found.mean(axis=0), lifted.body.lengths_mm, rtol=1e-6)
+
+
+def test_bodies_found_can_be_given_to_the_next_run(take: Take) -> None:
+    given = track(observed(resample(take, 30.0).xyz[:40]))
+    tracks, bodies = lift_with_bodies([given])
+    (body,) = bodies
+    assert body is not None and body.skeleton == "cmu17"
+    (again,), (same,) = lift_with_bodies([given], bodies={"3": body})
+    assert same is not None
+    np.testing.assert_allclose(same.lengths_mm, body.lengths_mm, rtol=0.03)
+    assert np.abs(again.xyz - tracks[0].xyz).mean() * 1650 < 15
+    other = Body("body17", body_bones_mm("body17"), np.full(16, 0.02))
+    with pytest.raises(UsageError, match="bones of the one are not bones of the other"):
+        lift_with_bodies([given], bodies={"1": other})
+    _, (none,) = lift_with_bodies([given], independent=True)
+    assert none is None
+
+
+def test_limits_turn_no_bone_far_and_move_no_joint_in_the_picture(take: Take) -> None:
+    truth = resample(take, 30.0).xyz
+    rng = np.random.default_rng(8)
+    given = observed(truth + np.cumsum(rng.normal(0, 2.0, truth.shape), axis=0))
+    within = lift_frames(given)
+    without = lift_frames(given, settings=SequenceSettings(limits=False))
+    parents, children = np.array(get("cmu17").bones).T
+
+    def turns_deg(xyz: FloatArray) -> FloatArray:
+        bone = xyz[:, children] - xyz[:, parents]
+        bone /= np.linalg.norm(bone, axis=-1, keepdims=True)
+        return np.degrees(np.arccos(np.clip((bone[1:] * bone[:-1]).sum(axis=-1), -1, 1)))
+
+    assert (turns_deg(within.xyz) <= np.maximum(turns_deg(without.xyz), 40.0) + 1e-6).all()
+    np.testing.assert_allclose(within.projected, without.projected, atol=1e-6)
 
 
 def test_nothing_seen_gives_nothing(take: Take) -> None:

@@ -3,7 +3,8 @@
 Standard deviations of the logarithm of each bone's length beside the others of the same body. The
 segments of adults vary by 4 to 6 % of their length and breadths by 5 to 7 % (coefficients of
 variation of ANSUR II, Gordon et al. 2014), about two thirds of it with stature; what is left is
-widened here, since people also differ in where a rig or a keypoint model sees their joints.
+widened here, since people also differ in where a rig or a keypoint model sees their joints: nine
+performers of the CMU database differ by 4 to 8 % in trunk, shoulders, hips and head.
 
 Bones come in the order of cmu17 and body17, whose trees are the same.
 """

@@ -21,13 +21,13 @@ from dance2pose.skeleton import Skeleton
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 # The bend, squared and in variances, that is taken back whole: errors in two directions alone
-# make it 2 on average.
-_TAKEN_BACK = 2.0
+# make it 2 on average, and half of the time more.
+_TAKEN_BACK = 2.5
 # Where the network does not know a pose at all, nothing speaks for straight limbs either: a larger
 # error than this is not believed to have made a bend, mm.
 _LARGEST_ERROR_MM = 60.0
 # Limbs do not become straight and bent again within this time.
-_LASTING_S = 0.25
+_LASTING_S = 0.12
 
 
 def straightened(

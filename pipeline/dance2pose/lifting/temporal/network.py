@@ -84,7 +84,7 @@ def network_input(
     scale = np.full(clips, np.nan) if scale is None else scale
     error_mm = np.full(clips, np.nan) if error_mm is None else error_mm
     seen = np.isfinite(xy).all(axis=-1)
-    filled = fill_gaps(xy, held=_HELD)
+    filled = held_through_gaps(xy, held=_HELD)
     centre = filled[:, :, 0].copy()
     unseen_root = ~np.isfinite(centre).all(axis=-1)
     if unseen_root.any():
@@ -170,7 +170,7 @@ def track_scale(longest: FloatArray, bones_mm: FloatArray) -> FloatArray:
     return np.where(good, seen / np.where(good, body, 1.0), 1.0)
 
 
-def fill_gaps(values: FloatArray, *, held: int) -> FloatArray:
+def held_through_gaps(values: FloatArray, *, held: int) -> FloatArray:
     """Missing points of (B, T, J, D) by linear interpolation in time, held at the ends.
 
     A point more than `held` frames from where it was seen, or never seen, stays NaN.
