@@ -55,9 +55,9 @@ class View:
         return np.asarray(image[..., :2] / image[..., 2:])
 
     def fov_deg(self, image_size: tuple[int, int]) -> float:
-        """Horizontal field of view of pictures of the whole height of the sensor."""
-        width = image_size[0] * self.height / image_size[1]
-        return float(2 * np.degrees(np.arctan(width / 2 / self.intrinsics[0, 0])))
+        """Field of view across the longer side of pictures of the whole height of the sensor."""
+        longer = max(image_size) * self.height / image_size[1]
+        return float(2 * np.degrees(np.arctan(longer / 2 / self.intrinsics[0, 0])))
 
 
 def read_calibration(path: Path) -> list[View]:

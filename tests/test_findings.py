@@ -10,6 +10,7 @@ import pytest
 from dance2pose.findings import find, turns_deg
 from dance2pose.poses import Dancer, Timeline, Track2D, Track3D
 from dance2pose.skeleton import get
+from dance2pose.viewpoint import Viewpoint
 
 T, J = 40, 17
 TIMELINE = Timeline.regular(T, rate_hz=25)
@@ -93,3 +94,31 @@ def test_a_dancer_seen_in_part_and_people_left_out_are_named() -> None:
 @pytest.mark.parametrize("rows", [1, 2])
 def test_very_short_tracks_are_no_trouble(rows: int) -> None:
     assert "seen in" in said(dancer(rows=rows))
+
+
+def placed(distance: float, floor: float = 0.0) -> Dancer:
+    """Someone who stands that far from the camera, on a floor of that height, metres."""
+    made = dancer()
+    root = np.tile([0.0, floor + 0.55, 0.0], (T, 1))
+    upright = np.zeros_like(made.smoothed.xyz)
+    ankles = [get(made.smoothed.skeleton).index(f"{side}_ankle") for side in ("left", "right")]
+    upright[:, ankles, 1] = -0.55 + 0.065
+    seen = Viewpoint(
+        np.broadcast_to(np.eye(3), (T, 3, 3)),
+        np.array([0.0, floor + 0.55, distance]),
+        np.full(T, 1000.0),
+        (640, 480),
+    )
+    smoothed = replace(made.smoothed, xyz=upright, root=root, viewpoint=seen)
+    return replace(made, smoothed=smoothed)
+
+
+def test_a_distance_that_cannot_be_is_named_with_the_field_of_view() -> None:
+    assert "would be 0.18 metres from the camera" in said(placed(0.18))
+    assert "camera" not in said(placed(3.0))
+
+
+def test_a_dancer_on_a_floor_above_the_others_is_named() -> None:
+    low, high = placed(3.0), placed(3.0, floor=1.2)
+    assert "stands on a floor of its own, 1.20 metres above" in said(low, high)
+    assert "floor of its own" not in said(low, low)

@@ -81,10 +81,12 @@ def test_holds_the_entities_and_timelines_of_the_design(
     recorded: tuple[Recording, list[Dancer], Path],
 ) -> None:
     recording = recorded[0]
-    expected = {"/video", "/world", "/provenance"}
+    expected = {"/video", "/world", "/provenance", "/world/ruler/axes", "/world/ruler/numbers"}
     for n in (1, 2):
         expected |= {f"/video/dancer_{n}/{name}" for name in ("keypoints", "box")}
         expected |= {f"/world/dancer_{n}{name}" for name in ("", "/joints", "/raw")}
+        overlays = ("guessed", "sigma", "contact", "facing")
+        expected |= {f"/world/dancer_{n}/{name}" for name in overlays}
         plots = ("confidence", "reprojection_error", "invalid_bones", "sigma")
         expected |= {f"/plots/dancer_{n}/{name}" for name in plots}
         expected |= {f"/plots/dancer_{n}/angle/{name}" for name in angle_names("body17")}
@@ -109,14 +111,16 @@ def test_keypoints_and_joints_are_those_given(
             assert np.isnan(found[-1]).all(), "the frame after the last must take the dancer off"
 
 
-def test_joints_are_balls_one_standard_deviation_wide(
+def test_joints_stand_in_balls_whose_radius_is_sigma(
     recorded: tuple[Recording, list[Dancer], Path],
 ) -> None:
     recording, dancers, _ = recorded
-    frame, found = rows_of(recording, "/world/dancer_1/joints", "Points3D:radii")
-    sigma = dancers[0].smoothed.sigma
-    assert sigma is not None and len(frame) == len(sigma)
-    np.testing.assert_array_equal(found, np.nan_to_num(sigma / 2).astype(np.float32))
+    rows = recording.rows("/world/dancer_1/sigma", "Ellipsoids3D:half_sizes")
+    sigma = dancers[0].raw.sigma
+    assert sigma is not None
+    for row, known in enumerate(np.isfinite(dancers[0].smoothed.xyz).all(axis=2)):
+        expected = np.repeat(sigma[row, known, None], 3, axis=1).astype(np.float32)
+        np.testing.assert_array_equal(np.reshape(rows[row][2], (-1, 3)), expected)
 
 
 def test_raw_poses_have_the_bones_whose_two_ends_are_known(
@@ -274,7 +278,8 @@ def test_has_its_id_and_its_layout(recorded: tuple[Recording, list[Dancer], Path
     (layout,) = reader.blueprints()
     entities = {chunk.entity_path for chunk in reader.stream(store=layout)}
     assert (
-        sum(path.count("/") == 2 and path.startswith("/view/") for path in entities) == 2 * 12 + 3
+        sum(path.count("/") == 2 and path.startswith("/view/") for path in entities)
+        == 2 * 12 + 2 * 7 + 3
     )
 
 

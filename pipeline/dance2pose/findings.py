@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from dance2pose.body import BODY_HEIGHT_MM
+from dance2pose.lifting.world.ground_plane import floor_heights
 from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D, Unit
 from dance2pose.skeleton import get
 
@@ -22,7 +24,9 @@ SUNK: dict[Unit, float] = {"metres": 0.03, "body heights": 0.018}
 # Seen in fewer of the frames of the shot than this share.
 SHARE_OF_SHOT = 0.9
 # A camera nearer to the pelvis than this sees no whole body.
-NEAREST: dict[Unit, float] = {"metres": 1.0, "body heights": 0.6}
+NEAREST: dict[Unit, float] = {"metres": 1.6, "body heights": 1.0}
+# A dancer whose floor is this much higher than the one at y = 0 stands on another.
+ANOTHER_FLOOR: dict[Unit, float] = {"metres": 0.2, "body heights": 0.12}
 # Left out, but seen for at least this long.
 LEFT_OUT_S = 1.0
 
@@ -48,6 +52,8 @@ def find(
             *_sudden_turns(dancer.smoothed),
             *_far_off(dancer),
             *_sunk(dancer.smoothed),
+            *_on_a_floor_above(dancer.smoothed, dancers),
+            *_too_near(dancer.smoothed),
         ]
         sentences += [f"dancer {dancer.person}: {sentence}" for sentence in found]
     return tuple(sentences)
@@ -132,6 +138,35 @@ def _sunk(track: Track3D) -> Iterator[str]:
         yield (
             f"a foot lies under the floor in {int(sunk.sum())} of {int(known.sum())} frames, by "
             f"up to {-lowest[sunk].min():.2f} {track.unit}"
+        )
+
+
+def _on_a_floor_above(track: Track3D, dancers: Sequence[Dancer]) -> Iterator[str]:
+    """That a dancer's floor is above the lowest of those in the shot."""
+    beside = [d.smoothed for d in dancers if d.smoothed.shot == track.shot]
+    per_mm = BODY_HEIGHT_MM if track.unit == "body heights" else 1000.0
+    known = [height for height in floor_heights(beside, per_mm) if np.isfinite(height)]
+    (own,) = floor_heights([track], per_mm)
+    if known and own - min(known) > ANOTHER_FLOOR[track.unit]:
+        yield (
+            f"stands on a floor of its own, {own - min(known):.2f} {track.unit} above the lowest "
+            "dancer's"
+        )
+
+
+def _too_near(track: Track3D) -> Iterator[str]:
+    """A distance that cannot be: the field of view is not that of the picture."""
+    if track.root is None or track.viewpoint is None:
+        return
+    away = np.linalg.norm(track.root - track.viewpoint.position, axis=1)
+    if not np.isfinite(away).any():
+        return
+    distance = float(np.nanmedian(away))
+    if distance < NEAREST[track.unit]:
+        yield (
+            f"would be {distance:.2f} {track.unit} from the camera, from where it sees no whole "
+            "body: its field of view is narrower than assumed or given (a cropped picture, a "
+            "lens of long focal length); give it with --fov, across the longer side"
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.errors import DataError
+from dance2pose.viewpoint import Viewpoint
 
 FloatArray = npt.NDArray[np.floating[Any]]
 BoolArray = npt.NDArray[np.bool_]
@@ -47,7 +48,8 @@ class ArrayRecord:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        names = [field.name for field in fields if field.compare]
         return all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
 
@@ -293,10 +295,12 @@ class Track3D(ArrayRecord):
     origin, NaN where nothing is known. unit: of xyz. reprojection_error: (T, J) px, NaN where no
     keypoint was seen. valid: (T, J - 1) bool, one flag a bone (bone b ends at joint b + 1),
     False where the bone breaks a joint-angle limit. estimated: (T, J) True where the joint was
-    not seen and comes from the body model alone. sigma: (T, J) standard deviation of the
-    position in `unit`, or None where the lifter does not know. root: (T, 3) position of the
+    not seen and comes from the body model alone. sigma: (T, J) radius in `unit` of the
+    ball about the joint that holds the true one in about 68 of 100 cases (twice it: 95), or None
+    where the lifter does not know; not an error along one axis. root: (T, 3) position of the
     first joint in the world, in `unit`, or None where it is not known. shot: as in Track2D; the
-    world axes of two shots are two worlds.
+    world axes of two shots are two worlds. viewpoint: the camera that saw it, or None where it is
+    not known (files of poses do not hold it, and it does not count in comparing tracks).
     """
 
     person: int
@@ -310,6 +314,7 @@ class Track3D(ArrayRecord):
     sigma: FloatArray | None = None
     root: FloatArray | None = None
     shot: int = 0
+    viewpoint: Viewpoint | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         length = len(self.timeline)

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from dance2pose import smoothing
+from dance2pose.background_motion import CameraMotionEstimator
 from dance2pose.errors import VideoError
 from dance2pose.findings import find
 from dance2pose.lifting.lift import describe_camera, lift_all
+from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.onnx_models.answers import losses
 from dance2pose.options import OutputOptions, Settings, combined
 from dance2pose.people import PoseModels, find_ahead, load_models
@@ -236,12 +238,14 @@ def _analyse(
             "--min-confidence counts less sure ones too"
         )
     progress.say(f"lifting {len(tracks)} dancer{'s' if len(tracks) > 1 else ''} to 3D")
-    dancers = to_3d(tracks, settings)
+    dancers = to_3d(tracks, settings, followed.motion)
     source = Source(
         frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
     )
     everyone = followed.tracker.finish("all")
-    findings = (*frames.warnings, *lost, *find(dancers, everyone, source.timeline))
+    moves = followed.motion.notes()
+    said = find(dancers, everyone, source.timeline)
+    findings = (*frames.warnings, *lost, *moves, *said)
     provenance = describe_run(
         source.info,
         models,
@@ -249,7 +253,9 @@ def _analyse(
         dancers,
         frames_read=len(source.timeline),
         stages={
-            "camera": describe_camera(settings.lift),
+            "camera": describe_camera(
+                settings.lift, followed.motion, [dancer.raw for dancer in dancers]
+            ),
             "deinterlaced": "yes" if source.deinterlaced else "no",
         },
         warnings=findings,
@@ -259,11 +265,13 @@ def _analyse(
 
 @dataclass(frozen=True)
 class _Followed:
-    """The people of a video, joined into tracks, and the frames in which they were looked for."""
+    """The people of a video, joined into tracks, the frames in which they were looked for, and how
+    the camera moved."""
 
     tracker: Tracker
     timeline: Timeline
     shots: tuple[Shot, ...]
+    motion: CameraMotion
 
 
 def _follow(
@@ -279,6 +287,7 @@ def _follow(
     if settings.min_confidence is not None:
         tracking = replace(tracking, min_confidence=settings.min_confidence)
     tracker = Tracker(models.skeleton, frames.info.size, tracking)
+    camera = CameraMotionEstimator(frames.info.size, settings.lift.fov_deg)
     seen: list[tuple[int, float]] = []
     starts: list[int] = []
     found = find_ahead(frames, models)
@@ -290,6 +299,7 @@ def _follow(
             starts.append(len(seen))
         seen.append((frame.index, frame.time_s))
         tracker.update(frame.index, frame.time_s, boxes, poses, cut=cut, image=frame.image)
+        camera.update(frame, boxes.xyxy, cut=cut)
         if on_frame is not None:
             on_frame(frame)
     indices = np.array([index for index, _ in seen], np.int64)
@@ -302,12 +312,15 @@ def _follow(
             Shot(number, int(indices[start]), int(indices[end - 1]))
             for number, (start, end) in enumerate(zip(starts, ends, strict=False))
         ),
+        camera.finish(),
     )
 
 
-def to_3d(tracks: Sequence[Track2D], settings: Settings) -> list[Dancer]:
+def to_3d(
+    tracks: Sequence[Track2D], settings: Settings, motion: CameraMotion | None = None
+) -> list[Dancer]:
     """Lift the dancers' keypoints and smooth the joints over time."""
-    lifted = lift_all(tracks, settings.lift)
+    lifted = lift_all(tracks, settings.lift, motion=motion)
     model, window = settings.smooth.model_after(settings.lift.lifter), settings.smooth.window
     return [
         Dancer(

@@ -15,14 +15,16 @@ from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Cell, Table
 from dance2pose.lifting.lift import lift_in_camera
 from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
+from dance2pose.lifting.world.root_trajectory import ANKLE_ABOVE_FLOOR_MM
 from dance2pose.mocap.corpus import Take, resample
 from dance2pose.poses import BoolArray, FloatArray, Timeline, Track2D, Track3D
 from dance2pose.progress import Progress
 
 FOV_DEG = 50.0
-LOWEST_MM, HIGHEST_MM = 600.0, 3500.0  # that the camera stands
-NEAREST_MM = 3000.0  # of the dancer to the camera
+LOWEST_MM, HIGHEST_MM = 600.0, 2200.0  # that the camera stands
+NEAREST_MM = 3500.0  # of the dancer to the camera
 _AIM_MM = 950.0  # above the floor
+SUNK_MM = 30.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def _positions(track: Track3D) -> FloatArray:
 
 def path_table(takes: Sequence[Take], settings: EvaluationSettings, progress: Progress) -> Table:
     """Foot-slide and error of the path: the truth, frame by frame, and the default lifter."""
-    rows: dict[str, list[tuple[float, float, float, float]]] = {
+    rows: dict[str, list[tuple[float, ...]]] = {
         "truth": [],
         "frame by frame, tilt known": [],
         "default": [],
@@ -110,6 +112,7 @@ def path_table(takes: Sequence[Take], settings: EvaluationSettings, progress: Pr
             "foot-slide, mm a frame of contact",
             "error of the path on the floor, mm",
             "height of standing ankles, standard deviation, mm",
+            "frames with a foot 30 mm under the floor",
             "floor off level, degrees",
         ),
         cells,
@@ -127,10 +130,23 @@ def path_table(takes: Sequence[Take], settings: EvaluationSettings, progress: Pr
 
 def _measured(
     world: FloatArray, truth: FloatArray, contact: BoolArray, skeleton: str
-) -> tuple[float, float, float]:
-    """Foot-slide, error of the path on the floor, and how uneven the floor is, mm."""
+) -> tuple[float, float, float, float]:
+    """Foot-slide, error of the path on the floor, how uneven the floor is, mm, and the share of
+    frames with a foot below the median height of those that stand, less that of an ankle."""
     feet = world[:, _feet(skeleton)]
     off = (world[:, 0] - truth[:, 0])[:, [0, 2]]
     error = float(np.nanmean(np.linalg.norm(off - np.nanmean(off, axis=0), axis=1)))
     standing = feet[..., 1][contact]
-    return foot_slide(feet, contact), error, float(np.nanstd(standing)) if standing.size else np.nan
+    standing = standing[np.isfinite(standing)]
+    if not standing.size:
+        return foot_slide(feet, contact), error, np.nan, np.nan
+    joints = [*_feet(skeleton), *_toes(skeleton)]
+    floor = float(np.median(standing)) - ANKLE_ABOVE_FLOOR_MM
+    lowest = world[np.isfinite(world).all(axis=(1, 2))][:, joints, 1].min(axis=1)
+    sunk = float((lowest < floor - SUNK_MM).mean())
+    return foot_slide(feet, contact), error, float(standing.std()), sunk
+
+
+def _toes(skeleton: str) -> list[int]:
+    tree = skeletons.get(skeleton)
+    return [tree.index(name) for name in ("left_toe", "right_toe") if name in tree.joints]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,17 @@ from dance2pose import skeleton as skeletons
 from dance2pose.body import BODY_HEIGHT_MM, Body
 from dance2pose.body_file import body_for
 from dance2pose.errors import DataError, UsageError
+from dance2pose.lifting.implausible import implausible
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
+from dance2pose.lifting.world.field_of_view import estimated_fov
 from dance2pose.lifting.world.ground_plane import levelled
-from dance2pose.lifting.world.perspective import ASSUMED_FOV
+from dance2pose.lifting.world.moving_camera import CameraMotion
+from dance2pose.lifting.world.perspective import ASSUMED_FOV, ASSUMED_FOV_DEG, camera_of
 from dance2pose.limits import model as limits
 from dance2pose.options import Lifter as LifterName
 from dance2pose.options import LiftOptions, combined
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
+from dance2pose.viewpoint import Viewpoint
 
 
 def lift(
@@ -72,6 +77,7 @@ def lift_all(
     *,
     independent: bool = False,
     bodies: Mapping[str, Body] | None = None,
+    motion: CameraMotion | None = None,
     **named: Any,
 ) -> list[Track3D]:
     """The 3D poses of the dancers in one video, one for every frame of each track.
@@ -81,9 +87,12 @@ def lift_all(
     and where the path through the room is found, with the floor level at y = 0 for all dancers of
     a shot (`world.ground_plane`). Parameters and errors as in `lift`; bodies: bone lengths known
     before, by the persons' numbers, those of a single dancer being everybody's
-    (`body_file.body_for`).
+    (`body_file.body_for`); motion: how the camera turns and zooms (`background_motion`), None where
+    it stands still.
     """
-    return lift_with_bodies(tracks, options, independent=independent, bodies=bodies, **named)[0]
+    return lift_with_bodies(
+        tracks, options, independent=independent, bodies=bodies, motion=motion, **named
+    )[0]
 
 
 def lift_with_bodies(
@@ -92,20 +101,58 @@ def lift_with_bodies(
     *,
     independent: bool = False,
     bodies: Mapping[str, Body] | None = None,
+    motion: CameraMotion | None = None,
     **named: Any,
 ) -> tuple[list[Track3D], list[Body | None]]:
     """As `lift_all`, and the bone lengths found for each track, None where the lifter finds none:
     in unrelated pictures, and with the paper's lifter."""
     options = combined(LiftOptions, options, named)
-    found, found_bodies = _lift_each(tracks, options, independent, bodies)
+    found, found_bodies = _lift_each(tracks, options, independent, bodies, motion)
     if independent:  # every picture has a camera of its own
         return found, found_bodies
     out: dict[int, Track3D] = {}
     for shot in sorted({track.shot for track in tracks}):
         rows = [n for n, track in enumerate(tracks) if track.shot == shot]
+        if options.fov_deg is None:
+            together = [tracks[n] for n in rows], [found[n] for n in rows]
+            for n, again in zip(rows, _with_estimated_fov(*together, options, bodies), strict=True):
+                found[n] = again
         level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (options.height_m or 1.0))
         out.update(zip(rows, level, strict=True))
-    return [out[n] for n in range(len(found))], found_bodies
+    placed = [_reprojected(out[n], track, options) for n, track in enumerate(tracks)]
+    return placed, found_bodies
+
+
+def _with_estimated_fov(
+    tracks: Sequence[Track2D],
+    found: Sequence[Track3D],
+    options: LiftOptions,
+    bodies: Mapping[str, Body] | None,
+) -> Sequence[Track3D]:
+    """The tracks of one shot lifted again with the field of view that they tell, if they do."""
+    if any(track.viewpoint is not None and track.viewpoint.moves for track in found):
+        return found  # its turns were told with the field of view that is assumed
+    per_unit = BODY_HEIGHT_MM / (options.height_m or 1.0)
+    fov = estimated_fov(found, per_unit, ASSUMED_FOV_DEG)
+    if fov is None:
+        return found
+    again = lift_in_camera(tracks, replace(options, fov_deg=fov.degrees), bodies=bodies)
+    return [
+        track
+        if track.viewpoint is None
+        else replace(track, viewpoint=replace(track.viewpoint, fov_error_deg=fov.error_deg))
+        for track in again
+    ]
+
+
+def _reprojected(poses: Track3D, track: Track2D, options: LiftOptions) -> Track3D:
+    """The poses with the error of where their camera sees them now that they are on the floor."""
+    if poses.viewpoint is None or poses.root is None:
+        return poses
+    observed = observe(track, camera=options.camera_model)
+    seen = observed.xy * np.array([1.0, -1.0])
+    drawn = poses.viewpoint.project(poses.xyz + poses.root[:, None])
+    return replace(poses, reprojection_error=np.linalg.norm(drawn - seen, axis=2))
 
 
 def lift_in_camera(
@@ -114,12 +161,13 @@ def lift_in_camera(
     *,
     independent: bool = False,
     bodies: Mapping[str, Body] | None = None,
+    motion: CameraMotion | None = None,
     **named: Any,
 ) -> list[Track3D]:
     """As `lift_all`, but poses and paths stay in the camera's axes: x right, y up, z towards the
     viewer, the camera at the origin of the paths."""
     options = combined(LiftOptions, options, named)
-    return _lift_each(tracks, options, independent, bodies)[0]
+    return _lift_each(tracks, options, independent, bodies, motion)[0]
 
 
 def _lift_each(
@@ -127,6 +175,7 @@ def _lift_each(
     options: LiftOptions,
     independent: bool,
     bodies: Mapping[str, Body] | None,
+    motion: CameraMotion | None,
 ) -> tuple[list[Track3D], list[Body | None]]:
     per_mm = (options.height_m or 1.0) / BODY_HEIGHT_MM
     unit: Unit = "body heights" if options.height_m is None else "metres"
@@ -140,6 +189,8 @@ def _lift_each(
             fov_deg=options.fov_deg,
             body=body_for(bodies, track.person) if bodies else None,
         )
+        if motion is not None and not independent:
+            observed = replace(observed, motion=motion.at(track.frame))
         seen = np.isfinite(observed.xy).all(axis=2)
         lifted = lift_frames(observed) if seen.any() else _nothing(observed)
         found.append(_as_track(track, observed, lifted, per_mm, unit))
@@ -178,15 +229,41 @@ def _as_track(
         sigma=None if lifted.sigma is None else lifted.sigma * per_mm,
         root=None if lifted.root is None else lifted.root * per_mm,
         shot=track.shot,
+        viewpoint=None if lifted.root is None else _viewpoint(observed),
     )
 
 
-def describe_camera(options: LiftOptions) -> str:
+def _viewpoint(observed: Observed) -> Viewpoint:
+    """The camera in its own axes."""
+    frames = len(observed)
+    camera = camera_of(observed.image_size, observed.fov_deg)
+    rotation: FloatArray = np.broadcast_to(np.eye(3), (frames, 3, 3))
+    zoom: FloatArray = np.ones(frames)
+    if observed.motion is not None:
+        rotation, zoom = observed.motion.rotation, observed.motion.zoom
+    return Viewpoint(rotation, np.zeros(3), camera.focal_px * zoom, observed.image_size)
+
+
+def describe_camera(
+    options: LiftOptions,
+    motion: CameraMotion | None = None,
+    lifted: Sequence[Track3D] = (),
+) -> str:
     """The camera model of a run, and what it assumes, as a phrase for its provenance."""
     if options.camera_model == "weak-perspective":
         return "weak-perspective: poses without a path through the room"
     known = "as given" if options.fov_deg is not None else ASSUMED_FOV
-    return f"perspective and standing still, field of view {known}"
+    told = {
+        f"{seen.fov_deg:.0f} degrees across the longer side of the picture, give or take "
+        f"{seen.fov_error_deg:.0f}, as upright dancers and the floor under their feet tell"
+        for seen in (track.viewpoint for track in lifted)
+        if seen is not None and seen.fov_error_deg is not None
+    }
+    if told:
+        known = "; ".join(sorted(told))
+    moves = motion is not None and motion.moves
+    stands = "turning on the spot as its background shows" if moves else "standing still"
+    return f"perspective and {stands}, field of view {known}"
 
 
 def observe(
@@ -197,7 +274,8 @@ def observe(
     fov_deg: float | None = None,
     body: Body | None = None,
 ) -> Observed:
-    """The track as lifters take it: in its lifting skeleton, with y up. Checks what it is given."""
+    """The track as lifters take it: in its lifting skeleton, with y up, and without keypoints
+    that no body could have put there. Checks what it is given."""
     source = skeletons.get(track.skeleton)
     if len(track) == 0:
         raise DataError(f"track of person {track.person}: holds no frame; there is nothing to lift")
@@ -224,6 +302,9 @@ def observe(
         source=source.name,
         target=target.name,
     )
+    if not independent:
+        wrong = implausible(xy, track.time_s, target.name)
+        xy[wrong], confidence[wrong] = np.nan, 0.0
     return Observed(
         xy=xy * np.array([1.0, -1.0]),
         confidence=np.maximum(confidence, 0.0),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from dance2pose.body import Body
 from dance2pose.lifting.error_calibration import ErrorParts
+from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.poses import FloatArray
 
 
@@ -24,8 +25,9 @@ class Observed:
     xy: (T, J, 2) px, y up, NaN where not seen. confidence: (T, J) of the keypoint model, 0 where
     not seen. time_s: (T,). skeleton: cmu17, paper15 or body17. image_size: (width, height) px.
     independent: the frames are unrelated pictures. camera: the camera model asked for.
-    fov_deg: horizontal field of view, None where it is not known. body: the dancer's bone lengths
-    in that skeleton (cmu17's for paper15), where they are known before.
+    fov_deg: field of view across the longer side of the picture, None where it is not known.
+    body: the dancer's bone lengths in that skeleton (cmu17's for paper15), where they are known
+    before. motion: how the camera turns and zooms in these T frames, None where it stands still.
     """
 
     xy: FloatArray
@@ -37,6 +39,7 @@ class Observed:
     camera: str = "weak-perspective"
     fov_deg: float | None = None
     body: Body | None = None
+    motion: CameraMotion | None = None
 
     def __len__(self) -> int:
         return len(self.xy)

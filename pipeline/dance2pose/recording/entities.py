@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.poses import Dancer, FloatArray, IntArray, Track2D, Track3D
+from dance2pose.recording.overlays import drawn_over_picture, known_joints, send_columns_of
 from dance2pose.recording.placement import positions
 from dance2pose.recording.plots import angle_curves, trust_curves
 from dance2pose.recording.quiet_rerun import rr
@@ -40,6 +41,18 @@ def joints_path(person: int) -> str:
 
 def raw_path(person: int) -> str:
     return f"{dancer_path(person)}/raw"
+
+
+def filled_in_path(person: int) -> str:
+    return f"{PICTURE}/dancer_{person}/filled_in"
+
+
+def projected_path(person: int) -> str:
+    return f"{PICTURE}/dancer_{person}/projected"
+
+
+def ruler_path() -> str:
+    return f"{WORLD}/ruler"
 
 
 def plots_path(person: int) -> str:
@@ -78,6 +91,13 @@ class _Rows:
     def send(self, path: str, columns: rr.ComponentColumnList) -> None:
         rr.send_columns(path, self.clock.columns(), columns, recording=self.stream)
 
+    def send_all(self, path: str, columns: rr.ComponentColumnList) -> None:
+        """As `send`, and nothing at the end."""
+        self.send(path, columns)
+        if len(self.end.frame):
+            gone = rr.Clear.columns(is_recursive=[False])
+            rr.send_columns(path, self.end.columns(), gone, recording=self.stream)
+
     def take_off(self, path: str, columns: rr.ComponentColumnList) -> None:
         """Send `columns`, one row of nothing, for the end: the viewer would go on showing the
         last value that it knows."""
@@ -93,8 +113,12 @@ def send_dancer(stream: rr.RecordingStream, dancer: Dancer, clock: Clock) -> Non
     rows = _Rows(stream, Clock(track.frame, track.time_s), clock.after(int(track.frame[-1])))
     _send_keypoints(rows, track)
     _send_boxes(rows, track)
-    _send_joints(rows, joints_path(person), dancer.smoothed, sigma=dancer.smoothed.sigma)
-    _send_joints(rows, raw_path(person), dancer.raw, sigma=None)
+    _send_projected(rows, dancer)
+    _send_joints(rows, joints_path(person), known_joints(dancer.smoothed))
+    send_columns_of(
+        dancer, lambda part, columns: rows.send_all(f"{dancer_path(person)}/{part}", columns)
+    )
+    _send_joints(rows, raw_path(person), positions(dancer.raw))
     _send_thin_bones(rows, raw_path(person), dancer.raw)
     base = plots_path(person)
     for joint, curve in angle_curves(dancer).items():
@@ -104,13 +128,33 @@ def send_dancer(stream: rr.RecordingStream, dancer: Dancer, clock: Clock) -> Non
 
 
 def _send_keypoints(rows: _Rows, track: Track2D) -> None:
-    """Keypoints, every row with all of them: the viewer leaves out those that are NaN."""
-    path = keypoints_path(track.person)
-    frames, keypoints = track.xy.shape[:2]
-    xy = track.xy.reshape(-1, 2).astype(np.float32)
+    """Keypoints, every row with all of them: the viewer leaves out those that are NaN.
+
+    Rows that were filled in across a gap are an entity of their own, which looks otherwise.
+    """
+    seen = np.where(track.interpolated[:, None, None], np.nan, track.xy)
+    _send_points(rows, keypoints_path(track.person), seen)
+    if track.interpolated.any():
+        filled = np.where(track.interpolated[:, None, None], track.xy, np.nan)
+        _send_points(rows, filled_in_path(track.person), filled)
+
+
+def _send_points(rows: _Rows, path: str, points: FloatArray) -> None:
+    frames, keypoints = points.shape[:2]
+    xy = points.reshape(-1, 2).astype(np.float32)
     rows.send(path, rr.Points2D.columns(positions=xy).partition([keypoints] * frames))
     gone = np.full((keypoints, 2), np.nan, np.float32)
     rows.take_off(path, rr.Points2D.columns(positions=gone).partition([keypoints]))
+
+
+def _send_projected(rows: _Rows, dancer: Dancer) -> None:
+    """The 3D skeleton where the camera sees it."""
+    drawn = drawn_over_picture(dancer)
+    if drawn is None:
+        return
+    bones, known = drawn
+    columns = rr.LineStrips2D.columns(strips=bones[known].astype(np.float32))
+    rows.send_all(projected_path(dancer.person), columns.partition(known.sum(axis=1)))
 
 
 def _send_boxes(rows: _Rows, track: Track2D) -> None:
@@ -123,12 +167,11 @@ def _send_boxes(rows: _Rows, track: Track2D) -> None:
     rows.take_off(path, rr.Boxes2D.columns(centers=none, half_sizes=none).partition([0]))
 
 
-def _send_joints(rows: _Rows, path: str, track: Track3D, *, sigma: FloatArray | None) -> None:
-    """Joints, as balls one standard deviation (T, J) wide where that is known."""
-    xyz = positions(track).astype(np.float32)
+def _send_joints(rows: _Rows, path: str, places: FloatArray) -> None:
+    """Joints (T, J, 3); those that are NaN are not drawn."""
+    xyz = places.astype(np.float32)
     frames, joints = xyz.shape[:2]
-    radii = None if sigma is None else np.nan_to_num(sigma / 2).astype(np.float32).ravel()
-    columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3), radii=radii)
+    columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3))
     rows.send(path, columns.partition([joints] * frames))
     gone = np.full((joints, 3), np.nan, np.float32)
     rows.take_off(path, rr.Points3D.columns(positions=gone).partition([joints]))

@@ -14,7 +14,8 @@ from dance2pose.recording.entities import (
     plots_path,
     raw_path,
 )
-from dance2pose.recording.placement import Placement, positions
+from dance2pose.recording.overlays import all_positions
+from dance2pose.recording.placement import Placement
 from dance2pose.recording.plots import trust_curves
 from dance2pose.recording.quiet_rerun import rr, rrb
 
@@ -23,9 +24,10 @@ _GRID = (120, 120, 130, 110)
 # The viewer's own vertical angle of view, and the least shape a 3D view is expected to have.
 _VIEW_ANGLE = np.radians(55.0)
 _VIEW_ASPECT = 1.6
-# From where the world is first seen: nearly from the camera, so that the pose is recognised in
-# the picture, yet turned and raised enough to show depth.
-_EYE_TURN, _EYE_RISE = np.radians(18.0), np.radians(10.0)
+# From where the world is first seen where the camera is not known: from the front, somewhat raised.
+_EYE_RISE = np.radians(10.0)
+# More dancers than this are not shown beside each other.
+_MOST_BESIDE = 4
 
 # Title of a plot, and the angle that it shows of both sides.
 _ANGLE_PLOTS = {
@@ -53,7 +55,13 @@ def blueprint(
         visual_bounds=rrb.VisualBounds2D(x_range=(0, width), y_range=(0, height)),
     )
     provenance = rrb.TextDocumentView(origin=PROVENANCE, name="Provenance")
-    beside = rrb.Tabs(*[_plots(dancer) for dancer in dancers], provenance, active_tab=0)
+    together = [_together(dancers)] if 1 < len(dancers) <= _MOST_BESIDE else []
+    tabs: list[rrb.Container | rrb.View] = [
+        *[_plots(dancer) for dancer in dancers],
+        *together,
+        provenance,
+    ]
+    beside = rrb.Tabs(*tabs, active_tab=0)
     left = rrb.Vertical(picture, _world(dancers, placement)) if dancers else picture
     return rrb.Blueprint(
         rrb.Horizontal(left, beside, column_shares=[1, 1]),
@@ -67,7 +75,9 @@ def blueprint(
 
 def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView:
     unit = dancers[0].smoothed.unit
-    balls = "; balls: one sigma wide" if any(d.smoothed.sigma is not None for d in dancers) else ""
+    balls = (
+        "; balls hold 68 % of true joints" if any(d.raw.sigma is not None for d in dancers) else ""
+    )
     centre, size = _extent(dancers, placement)
     return rrb.Spatial3DView(
         origin=WORLD,
@@ -83,7 +93,7 @@ def _world(dancers: Sequence[Dancer], placement: Placement) -> rrb.Spatial3DView
         ),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=centre + _eye_distance(size) * _eye_direction(),
+            position=_eye(dancers, centre, size),
             look_target=centre,
             eye_up=(0, 1, 0),
         ),
@@ -97,12 +107,7 @@ def _unsmoothed(dancer: Dancer) -> bool:
 
 def _extent(dancers: Sequence[Dancer], placement: Placement) -> tuple[FloatArray, FloatArray]:
     """Centre (3,) and size (3,) of what the joints fill, without their wildest hundredth."""
-    points = np.concatenate(
-        [
-            (positions(d.smoothed) + offset).reshape(-1, 3)
-            for d, offset in zip(dancers, placement.offsets, strict=True)
-        ]
-    )
+    points = all_positions(dancers, placement.offsets)
     points = points[~np.isnan(points).any(axis=1)]
     if not len(points):
         return np.zeros(3), np.ones(3)
@@ -110,14 +115,20 @@ def _extent(dancers: Sequence[Dancer], placement: Placement) -> tuple[FloatArray
     return (low + high) / 2, high - low
 
 
-def _eye_direction() -> FloatArray:
-    return np.array(
-        [
-            np.sin(_EYE_TURN) * np.cos(_EYE_RISE),
-            np.sin(_EYE_RISE),
-            np.cos(_EYE_TURN) * np.cos(_EYE_RISE),
-        ]
-    )
+def _eye(dancers: Sequence[Dancer], centre: FloatArray, size: FloatArray) -> FloatArray:
+    """Where the eye stands: where the camera stood, and further back where it must to see all.
+
+    So the world looks as the picture does, with the dancers in the same order.
+    """
+    seen = dancers[0].smoothed.viewpoint
+    direction = np.array([0.0, np.sin(_EYE_RISE), np.cos(_EYE_RISE)])
+    distance = 0.0
+    if seen is not None:
+        from_centre = seen.position - centre
+        distance = float(np.linalg.norm(from_centre))
+        if distance > 0:
+            direction = from_centre / distance
+    return np.asarray(centre + max(distance, _eye_distance(size)) * direction)
 
 
 def _eye_distance(size: FloatArray) -> float:
@@ -153,6 +164,22 @@ def _plots(dancer: Dancer) -> rrb.Vertical:
     )
 
 
+def _together(dancers: Sequence[Dancer]) -> rrb.Grid:
+    """The angles of all dancers, one column each."""
+    views = [
+        _plot(
+            plots_path(dancer.person),
+            [f"angle/{side}_{angle}" for side in ("left", "right")],
+            f"Dancer {dancer.person}: {title[0].lower() + title[1:]}, degrees",
+            bottom=-95.0 if any(word in angle for word in _BOTH_WAYS) else 0.0,
+            top=185.0,
+        )
+        for title, angle in _ANGLE_PLOTS.items()
+        for dancer in dancers
+    ]
+    return rrb.Grid(*views, grid_columns=len(dancers), name="Dancers beside each other")
+
+
 def _plot(
     base: str, entities: Sequence[str], name: str, *, top: float, bottom: float = 0.0
 ) -> rrb.TimeSeriesView:
@@ -169,6 +196,11 @@ def _plot(
 def _plot_top(name: str, values: FloatArray) -> float:
     """The top of a plot that starts at 0, so that small values do not look large."""
     known = values[~np.isnan(values)]
-    least = {"confidence": 1.05, "invalid_bones": 4.0, "reprojection_error": 5.0}.get(name, 0.0)
+    least = {
+        "confidence": 1.05,
+        "invalid_bones": 4.0,
+        "reprojection_error": 10.0,
+        "sigma": 10.0,
+    }.get(name, 0.0)
     top = float(known.max()) * 1.05 if known.size else 0.0
     return max(least, top) or 1.0

@@ -18,9 +18,9 @@ from dance2pose.poses import Dancer, FloatArray, Track3D, Unit
 # Between pelvises set side by side: outstretched arms do not quite touch.
 SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
 _PATHS = (
-    "Dancers move along paths estimated for a camera that stands still, over a floor levelled by "
-    "upright bodies and standing feet (y = 0). Under a camera that pans or zooms the paths mean "
-    "nothing."
+    "Dancers move along paths estimated for a camera that stands on one spot, over a floor "
+    "levelled by upright bodies and standing feet (y = 0 is the lowest dancer's). What the camera "
+    "turns and zooms is undone; where it is carried, the path is wrong by as much."
 )
 
 

@@ -28,7 +28,8 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     """What tells how far to trust each frame: means over what was seen, a count of what was lifted.
 
     By entity name: confidence (of the body, without hands and face), reprojection_error (px),
-    invalid_bones, and sigma where the lifter knows its uncertainty (in the unit of the poses).
+    invalid_bones, and sigma where the lifter knows its uncertainty (in hundredths of the unit of
+    the poses: cm, or % of the body height).
     """
     track, joints = dancer.keypoints, dancer.smoothed
     # Smoothing drops what it cannot know again: error and sigma are those of the lifted poses.
@@ -45,7 +46,8 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     }
     if raw.sigma is not None:
         mean = _row_mean(raw.sigma, ~np.isnan(raw.sigma))
-        curves["sigma"] = Curve(f"mean sigma, {joints.unit}", mean)
+        unit = "cm" if joints.unit == "metres" else "% of body height"
+        curves["sigma"] = Curve(f"mean sigma, {unit}", 100 * mean)
     return curves
 
 

@@ -10,11 +10,15 @@ from dance2pose.recording.entities import (
     WORLD,
     box_path,
     dancer_path,
+    filled_in_path,
     joints_path,
     keypoints_path,
     plots_path,
+    projected_path,
     raw_path,
+    ruler_path,
 )
+from dance2pose.recording.overlays import all_positions, ruler
 from dance2pose.recording.placement import Placement
 from dance2pose.recording.plots import angle_curves, trust_curves
 from dance2pose.recording.quiet_rerun import rr
@@ -36,6 +40,11 @@ _RAW: Colour = (120, 120, 132)
 # Radii of keypoints, in points of the screen.
 _BODY_POINTS, _SMALL_POINTS = 3.0, 1.2
 _PLOT: Colour = (220, 220, 220)
+# What was not seen: filled in, or from the body model alone.
+_NOT_SEEN: Colour = (150, 150, 160)
+_CONTACT: Colour = (120, 255, 120)
+_WHITE: Colour = (255, 255, 255)
+_RULER: Colour = (150, 150, 160)
 
 
 def send_style(stream: rr.RecordingStream, dancers: Sequence[Dancer], placement: Placement) -> None:
@@ -48,12 +57,34 @@ def send_style(stream: rr.RecordingStream, dancers: Sequence[Dancer], placement:
         if skeletons:
             classes = [_skeleton_class(person, get(name)) for person, name in skeletons.items()]
             stream.log(path, rr.AnnotationContext(classes), static=True)
+    _send_ruler(stream, dancers, placement)
     for dancer, offset in zip(dancers, placement.offsets, strict=True):
         move = rr.Transform3D(translation=offset)
         stream.log(dancer_path(dancer.person), move, static=True)
         _style_picture(stream, dancer, named=len(dancers) > 1)
         _style_world(stream, dancer)
         _style_plots(stream, dancer)
+
+
+def _send_ruler(
+    stream: rr.RecordingStream, dancers: Sequence[Dancer], placement: Placement
+) -> None:
+    """Axes with numbers on the floor."""
+    if not dancers:
+        return
+    points = all_positions(dancers, placement.offsets)
+    lines, places, labels = ruler(points, dancers[0].smoothed.unit)
+    if lines:
+        strips = rr.LineStrips3D(lines, colors=_RULER, radii=rr.Radius.ui_points(0.75))
+        stream.log(f"{ruler_path()}/axes", strips, static=True)
+        numbers = rr.Points3D(
+            places,
+            labels=labels,
+            show_labels=True,
+            colors=_RULER,
+            radii=rr.Radius.ui_points(1.5),
+        )
+        stream.log(f"{ruler_path()}/numbers", numbers, static=True)
 
 
 def _skeleton_class(person: int, skeleton: Skeleton) -> rr.ClassDescription:
@@ -96,6 +127,16 @@ def _style_picture(stream: rr.RecordingStream, dancer: Dancer, *, named: bool) -
         class_ids=person,
     )
     stream.log(keypoints_path(person), keypoints, static=True)
+    if dancer.keypoints.interpolated.any():
+        filled = rr.Points2D.from_fields(
+            radii=rr.Radius.ui_points(2.0), colors=_NOT_SEEN, show_labels=False, draw_order=20.0
+        )
+        stream.log(filled_in_path(person), filled, static=True)
+    if dancer.smoothed.viewpoint is not None:
+        projected = rr.LineStrips2D.from_fields(
+            radii=rr.Radius.ui_points(0.75), colors=_WHITE, draw_order=15.0
+        )
+        stream.log(projected_path(person), projected, static=True)
     stream.log(box_path(person), box, static=True)
 
 
@@ -110,15 +151,28 @@ def _radii(skeleton: str) -> list[float]:
 
 def _style_world(stream: rr.RecordingStream, dancer: Dancer) -> None:
     person = dancer.person
-    # A standard deviation that is known sets the radius. It changes; what is static would hide it.
-    known = dancer.smoothed.sigma is not None
     joints = rr.Points3D.from_fields(
-        radii=None if known else rr.Radius.ui_points(4.0),
+        radii=rr.Radius.ui_points(4.0),
         show_labels=False,
         class_ids=person,
         keypoint_ids=range(len(get(dancer.smoothed.skeleton))),
     )
     stream.log(joints_path(person), joints, static=True)
+    base = dancer_path(person)
+    guessed = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.75), colors=_NOT_SEEN)
+    stream.log(f"{base}/guessed", guessed, static=True)
+    if dancer.raw.sigma is not None:
+        balls = rr.Ellipsoids3D.from_fields(
+            colors=dancer_colour(person),
+            line_radii=rr.Radius.ui_points(0.35),
+            fill_mode=rr.components.FillMode.MajorWireframe,
+            show_labels=False,
+        )
+        stream.log(f"{base}/sigma", balls, static=True)
+    contact = rr.Points3D.from_fields(radii=rr.Radius.ui_points(7.0), colors=_CONTACT)
+    stream.log(f"{base}/contact", contact, static=True)
+    arrow = rr.Arrows3D.from_fields(colors=_WHITE, radii=rr.Radius.ui_points(2.5))
+    stream.log(f"{base}/facing", arrow, static=True)
     # Faint is thin and grey: the viewer draws no transparent lines.
     raw_joints = rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.5), colors=_RAW)
     raw_bones = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.5), colors=_RAW)

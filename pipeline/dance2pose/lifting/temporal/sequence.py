@@ -30,10 +30,8 @@ from dance2pose.lifting.temporal.one_body import (
     pose_one_body,
 )
 from dance2pose.lifting.temporal.single_pictures import pose_pictures
-from dance2pose.lifting.temporal.smoothness import smooth_path
 from dance2pose.lifting.temporal.track_rows import Rows, rows_of, stretches
-from dance2pose.lifting.world.perspective import camera_of, place, seen_straight, towards
-from dance2pose.lifting.world.root_trajectory import follow_floor
+from dance2pose.lifting.world.pointed_view import placed, pointed_at_dancer
 from dance2pose.poses import FloatArray
 
 # How often at most the effects of nearness are undone, and the change of size that has none.
@@ -151,39 +149,11 @@ def _answers(seen: Rows, found: Found | None, unit: float, *, told: bool) -> Dep
 
 def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lifted:
     """Poses as a camera pointed at the dancer would see them, turned back, and the path."""
-    camera = camera_of(observed.image_size, observed.fov_deg)
-    direction = camera.rays(_middle(observed))
-    known = np.isfinite(direction).all(axis=1)
-    if not known.any():
+    view = pointed_at_dancer(observed)
+    if view is None:
         return _lift(observed, settings)
-    times = np.arange(len(observed)) * 1.0 if observed.independent else observed.time_s
-    direction = np.stack(
-        [np.interp(times, times[known], direction[known, axis]) for axis in range(3)], axis=1
-    )
-    if not observed.independent:
-        direction = smooth_path(direction, np.array(0.02), times, acceleration=1.0)
-    turn = towards(direction)
-    straight = replace(observed, xy=seen_straight(camera, observed.xy, turn))
-    lifted = _lift(straight, settings, focal_px=camera.focal_px)
-    xyz = lifted.xyz @ turn  # back from the turned camera
-    root = place(camera, xyz, observed.xy, np.clip(observed.confidence, 0.0, 1.0))
-    root[~np.isfinite(xyz).all(axis=(1, 2))] = np.nan
-    if not observed.independent:
-        tree = skeletons.get(observed.skeleton)
-        for rows in stretches(observed):
-            if np.isfinite(root[rows]).any():
-                root[rows] = follow_floor(xyz[rows], root[rows], observed.time_s[rows], tree)
-    return Lifted(
-        xyz, camera.project(xyz + root[:, None]), lifted.sigma, root, lifted.body, lifted.errors
-    )
-
-
-def _middle(observed: Observed) -> FloatArray:
-    """The middle (T, 2) of the joints seen, NaN where none is."""
-    seen = np.isfinite(observed.xy).all(axis=-1, keepdims=True)
-    total = np.where(seen, observed.xy, 0.0).sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(total / seen.sum(axis=1))
+    lifted = _lift(replace(observed, xy=view.xy), settings, focal_px=view.camera.focal_px)
+    return placed(view, observed, lifted, [] if observed.independent else stretches(observed))
 
 
 def _drawn(xyz: FloatArray, scale: FloatArray, xy: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 A camera that looks down sees a floor that rises with distance. How far it looks down is told by
 the dancers: bodies stand upright on average, and feet that stand, near and far, stand on one plane.
+Feet on that plane in turn tell how far away the dancer is, better than the size of the figure does.
 """
 
 from __future__ import annotations
@@ -13,59 +14,102 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dance2pose import skeleton as skeletons
-from dance2pose.lifting.world.root_trajectory import contacts, floor_level, foot_joints
-from dance2pose.poses import FloatArray, Track3D
+from dance2pose.lifting.world.path_solver import ACROSS_MM, Floor, solve_path
+from dance2pose.lifting.world.root_trajectory import (
+    ANKLE_ABOVE_FLOOR_MM,
+    contacts,
+    floor_level,
+    foot_joints,
+)
+from dance2pose.poses import BoolArray, FloatArray, Track3D
+from dance2pose.skeleton import Skeleton
 
 # A dancer is upright only about so, degrees; a plane through feet is known the better, the farther
 # they are apart along the view (error in degrees times their spread in mm), and not at all where it
 # contradicts the bodies.
-_UPRIGHT_DEG, _PLANE_DEG_MM, _CONTRADICTION_DEG = 5.0, 1700.0, 12.0
+UPRIGHT_DEG, PLANE_DEG_MM, _CONTRADICTION_DEG = 5.0, 1700.0, 12.0
 _STEEPEST_DEG = 70.0
 _FEWEST_CONTACTS = 20
+# A foot that stands is on the floor unless it is this far from it: a step, a chair, a mistake.
+_ON_FLOOR_MM = 120.0
+# A foot farther than this below the floor, mm, is on no floor that was found.
+_OTHER_FLOOR_MM = 250.0
+# Floors of two dancers are one where they differ by no more than this part of the camera's height
+# above them (people's heights differ by so much, and with them all that is measured by them), and
+# this much more, mm.
+_ONE_FLOOR, _ONE_FLOOR_MM = 0.25, 150.0
+# How far off the floor standing ankles may stay, as a part of how far they were found off it, and
+# the least and the most, mm: with good poses the floor tells the distance, with bad ones it would
+# move the dancer away from where the picture shows him.
+_PINNED, _ANKLE_ERROR_MM = 0.5, (10.0, 40.0)
+# How far off a camera that turns leaves the path, mm: it is carried by hand as well, and what turns
+# it by a degree too little puts a dancer three metres away 50 mm too low.
+_TURNING_MM = 50.0
+# How much lower than that of a foot flat on the floor an ankle may be: people differ.
+_LOWER_MM = 15.0
 
 
 def levelled(tracks: Sequence[Track3D], mm_per_unit: float) -> list[Track3D]:
     """The tracks of one camera in world axes: y up from the floor, z level towards the camera.
 
     Tracks whose path is in camera axes (x right, y up, z towards the viewer, camera at 0) are
-    turned by the camera's tilt and put on the floor, each dancer by its own feet. Tracks without a
-    path stay in the camera's axes.
+    turned by the camera's tilt and put on the floor, where their feet stand on it and do not sink.
+    Dancers whose own floors are about equally far below the camera are all put at y = 0 by their
+    own feet; a dancer whose floor is clearly a higher one stays above. Tracks without a path stay
+    in the camera's axes.
     """
     placed = [track for track in tracks if track.root is not None]
     tilt = camera_tilt_deg(placed, mm_per_unit)
     turn = Rotation.from_euler("x", -tilt, degrees=True).as_matrix()
+    turned = [_turned(track, turn) for track in placed]
+    found = [_on_own_floor(track, mm_per_unit) for track in turned]
+    shifts = _shifts(np.array([floor for _, floor in found]), mm_per_unit)
+    on_floor = iter(
+        [
+            _with_toes_on_floor(_shifted(track, shift), floor + shift)
+            for (track, floor), shift in zip(found, shifts, strict=True)
+        ]
+    )
+    return [track if track.root is None else next(on_floor) for track in tracks]
+
+
+def floor_heights(tracks: Sequence[Track3D], mm_per_unit: float) -> list[float]:
+    """Height of the floor that each dancer stands on, in the tracks' unit; NaN without a path."""
     return [
-        track if track.root is None else _on_floor(track, track.root, turn, mm_per_unit)
+        float("nan")
+        if track.root is None
+        else _floor(track, standing_feet(track, mm_per_unit), mm_per_unit)
         for track in tracks
     ]
 
 
 def camera_tilt_deg(tracks: Sequence[Track3D], mm_per_unit: float) -> float:
     """How far the camera looks down, degrees; 0 where nothing tells it."""
+    tilt, plane, spread = tilt_evidence(tracks, mm_per_unit)
+    if not np.isfinite(tilt):
+        return 0.0
+    if abs(plane - tilt) < _CONTRADICTION_DEG:
+        weight = (UPRIGHT_DEG * spread / PLANE_DEG_MM) ** 2
+        tilt = (tilt + weight * plane) / (1 + weight)
+    return float(np.clip(tilt, -_STEEPEST_DEG, _STEEPEST_DEG))
+
+
+def tilt_evidence(tracks: Sequence[Track3D], mm_per_unit: float) -> tuple[float, float, float]:
+    """How far the camera looks down by bodies that stand upright and by the floor's slope, degrees,
+    NaN where it is not told; and how far apart along the view standing feet are, mm."""
     upright, feet = [], []
     for track in tracks:
         assert track.root is not None
         upright.append(_standing(track))
-        for rows in _known_runs(track):
-            stands = contacts(
-                track.xyz[rows] * mm_per_unit,
-                track.root[rows] * mm_per_unit,
-                track.time_s[rows],
-                skeletons.get(track.skeleton),
-            )
-            joints = foot_joints(skeletons.get(track.skeleton))
-            at = track.xyz[rows][:, joints] + track.root[rows, None]
-            feet.append(at[stands] * mm_per_unit)
+        joints = foot_joints(skeletons.get(track.skeleton))
+        at = track.xyz[:, joints] + track.root[:, None]
+        feet.append(at[standing_feet(track, mm_per_unit)] * mm_per_unit)
     up = np.concatenate(upright) if upright else np.zeros((0, 3))
+    plane, spread = _plane_tilt_deg(feet)
     if not len(up):
-        return 0.0
+        return float("nan"), plane, spread
     _, y, z = up.mean(axis=0)
-    tilt = float(np.degrees(np.arctan2(z, y)))
-    plane, spread = _plane_tilt_deg(np.concatenate(feet) if feet else np.zeros((0, 3)))
-    if abs(plane - tilt) < _CONTRADICTION_DEG:
-        weight = (_UPRIGHT_DEG * spread / _PLANE_DEG_MM) ** 2
-        tilt = (tilt + weight * plane) / (1 + weight)
-    return float(np.clip(tilt, -_STEEPEST_DEG, _STEEPEST_DEG))
+    return float(np.degrees(np.arctan2(z, y))), plane, spread
 
 
 def _standing(track: Track3D) -> FloatArray:
@@ -81,11 +125,19 @@ def _standing(track: Track3D) -> FloatArray:
     return np.asarray(along[tall] / length[tall, None])
 
 
-def _plane_tilt_deg(feet: FloatArray) -> tuple[float, float]:
-    """Slope of the floor that standing feet (N, 3) mm show, degrees, and their spread in depth."""
-    if len(feet) < _FEWEST_CONTACTS or (spread := float(feet[:, 2].std())) < 1.0:
+def _plane_tilt_deg(feet: Sequence[FloatArray]) -> tuple[float, float]:
+    """Slope of the floors that standing feet show, degrees, and their spread in depth, mm.
+
+    feet: (N, 3) mm of each dancer, who may stand on floors of different heights but one slope.
+    """
+    enough = [at for at in feet if len(at) >= _FEWEST_CONTACTS]
+    if not enough:
         return float("nan"), 0.0
-    slope = np.polyfit(feet[:, 2], feet[:, 1], 1)[0]
+    centred = np.concatenate([at - at.mean(axis=0) for at in enough])
+    spread = float(centred[:, 2].std())
+    if spread < 1.0:
+        return float("nan"), 0.0
+    slope = float((centred[:, 2] * centred[:, 1]).sum() / np.square(centred[:, 2]).sum())
     return float(-np.degrees(np.arctan(slope))), spread
 
 
@@ -96,15 +148,125 @@ def _known_runs(track: Track3D) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _on_floor(track: Track3D, root: FloatArray, turn: FloatArray, mm_per_unit: float) -> Track3D:
-    xyz, root = track.xyz @ turn.T, root @ turn.T
-    tree = skeletons.get(track.skeleton)
-    stands = np.zeros((len(root), 2), bool)
+def standing_feet(track: Track3D, mm_per_unit: float) -> BoolArray:
+    """Which feet (T, 2), left and right, stand."""
+    assert track.root is not None
+    stands = np.zeros((len(track), 2), dtype=bool)
     for rows in _known_runs(track):
         stands[rows] = contacts(
-            xyz[rows] * mm_per_unit, root[rows] * mm_per_unit, track.time_s[rows], tree
+            track.xyz[rows] * mm_per_unit,
+            track.root[rows] * mm_per_unit,
+            track.time_s[rows],
+            skeletons.get(track.skeleton),
         )
-    if np.isfinite(root).all(axis=1).any():
-        floor = floor_level(xyz * mm_per_unit, root * mm_per_unit, stands, tree) / mm_per_unit
-        root = root - [0.0, floor, 0.0]
-    return replace(track, xyz=xyz, root=root)
+    return stands
+
+
+def _turned(track: Track3D, turn: FloatArray) -> Track3D:
+    assert track.root is not None
+    seen = None if track.viewpoint is None else track.viewpoint.moved(turn, np.zeros(3))
+    return replace(track, xyz=track.xyz @ turn.T, root=track.root @ turn.T, viewpoint=seen)
+
+
+def _shifted(track: Track3D, shift: float) -> Track3D:
+    assert track.root is not None
+    up = np.array([0.0, shift, 0.0])
+    seen = None if track.viewpoint is None else track.viewpoint.moved(np.eye(3), up)
+    return replace(track, root=track.root + up, viewpoint=seen)
+
+
+def _with_toes_on_floor(track: Track3D, floor: float) -> Track3D:
+    """The track with toes that no keypoint saw turned up to the floor where they were below it."""
+    assert track.root is not None
+    tree, xyz = skeletons.get(track.skeleton), track.xyz.copy()
+    for joint, ankle in zip(_toes(tree), foot_joints(tree), strict=False):
+        toe = track.xyz[:, joint] - track.xyz[:, ankle]
+        depth = floor - track.root[:, 1] - track.xyz[:, ankle, 1]  # of the floor under the ankle
+        length, flat = np.linalg.norm(toe, axis=1), np.hypot(toe[:, 0], toe[:, 2])
+        rows = track.estimated[:, joint] & (toe[:, 1] < depth) & (np.abs(depth) < length)
+        rows &= flat > 0
+        reach = np.sqrt(np.maximum(length**2 - depth**2, 0.0)) / np.where(flat > 0, flat, 1.0)
+        raised = np.stack([toe[:, 0] * reach, depth, toe[:, 2] * reach], axis=1)
+        xyz[rows, joint] = (track.xyz[:, ankle] + raised)[rows]
+    return replace(track, xyz=xyz)
+
+
+def _toes(tree: Skeleton) -> list[int]:
+    return [tree.index(name) for name in ("left_toe", "right_toe") if name in tree.joints]
+
+
+def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
+    """The track, camera at 0, with its feet on its floor, and the height of that, in its unit."""
+    assert track.root is not None
+    stands = standing_feet(track, mm_per_unit)
+    floor = _floor(track, stands, mm_per_unit)
+    if not stands.any() or not np.isfinite(floor):
+        return track, floor
+    tree, root = skeletons.get(track.skeleton), track.root.copy()
+    turns = track.viewpoint is not None and track.viewpoint.moves
+    error = _ankle_error(track, stands, floor, mm_per_unit)
+    for rows in _known_runs(track):
+        xyz, path = track.xyz[rows] * mm_per_unit, root[rows] * mm_per_unit
+        ankle = floor * mm_per_unit + ANKLE_ABOVE_FLOOR_MM
+        feet = xyz[:, foot_joints(tree)]
+        high = feet[..., 1] + path[:, None, 1] - ankle
+        least = _least_height(xyz, track.estimated[rows], tree)
+        least[path[:, 1] - ankle < least - _OTHER_FLOOR_MM] = -np.inf
+        path = solve_path(
+            path,
+            feet,
+            stands[rows] & (np.abs(high) < _ON_FLOOR_MM),
+            track.time_s[rows],
+            floor=Floor(np.array([0.0, 1.0, 0.0]), ankle, error),
+            least=least,
+            across_mm=_TURNING_MM if turns else ACROSS_MM,
+        )
+        root[rows] = path / mm_per_unit
+    seen = track.viewpoint
+    if seen is not None and turns:
+        seen = seen.aimed(track.root, root)
+    return replace(track, root=root, viewpoint=seen), floor
+
+
+def _ankle_error(track: Track3D, stands: BoolArray, floor: float, mm_per_unit: float) -> float:
+    """How far off the floor ankles that stand are found, mm: what their poses are worth."""
+    assert track.root is not None
+    joints = foot_joints(skeletons.get(track.skeleton))
+    high = track.xyz[:, joints, 1] + track.root[:, None, 1] - floor
+    off = np.abs(high[stands] * mm_per_unit - ANKLE_ABOVE_FLOOR_MM)
+    spread = float(np.median(off)) / 0.6745 if len(off) else 0.0
+    return float(np.clip(_PINNED * spread, *_ANKLE_ERROR_MM))
+
+
+def _floor(track: Track3D, stands: BoolArray, mm_per_unit: float) -> float:
+    assert track.root is not None
+    if not np.isfinite(track.root).all(axis=1).any():
+        return float("nan")
+    tree = skeletons.get(track.skeleton)
+    level = floor_level(track.xyz * mm_per_unit, track.root * mm_per_unit, stands, tree)
+    return level / mm_per_unit
+
+
+def _least_height(xyz: FloatArray, estimated: BoolArray, tree: Skeleton) -> FloatArray:
+    """How far (T,) the pelvis must be above standing ankles for no joint to be below the floor.
+
+    xyz: (T, J, 3) mm, y up. A joint that was not seen is not sure enough to lift the dancer.
+    """
+    below = np.where(estimated, np.inf, xyz[..., 1])
+    joints = foot_joints(tree)
+    below[:, joints] -= ANKLE_ABOVE_FLOOR_MM - _LOWER_MM
+    return np.asarray(-(below.min(axis=1)) - ANKLE_ABOVE_FLOOR_MM)
+
+
+def _shifts(floors: FloatArray, mm_per_unit: float) -> FloatArray:
+    """What (N,) brings each dancer's floor, heights (N,) with the camera at 0, to its place.
+
+    y = 0 is the lowest floor; a dancer whose floor is about there is put there, one whose floor is
+    another stays above by the difference.
+    """
+    if not np.isfinite(floors).any():
+        return np.zeros(len(floors))
+    lowest = float(np.nanmin(floors))
+    tolerance = _ONE_FLOOR * abs(lowest) + _ONE_FLOOR_MM / mm_per_unit
+    one = np.nan_to_num(floors, nan=lowest) - lowest <= tolerance
+    return np.where(one, -np.nan_to_num(floors, nan=lowest), -lowest)

@@ -17,9 +17,9 @@ from dance2pose.errors import UsageError
 from dance2pose.poses import FloatArray
 
 # Of a camcorder or phone, across the longer side of the picture; used where the user gives none.
-_ASSUMED_FOV_DEG = 50.0
+ASSUMED_FOV_DEG = 50.0
 ASSUMED_FOV = (
-    f"assumed to be {_ASSUMED_FOV_DEG:g} degrees across the longer side of the picture; distances "
+    f"assumed to be {ASSUMED_FOV_DEG:g} degrees across the longer side of the picture; distances "
     "towards the camera scale with it"
 )
 # A figure smaller than this part of the focal length has no distance that could be told.
@@ -45,10 +45,10 @@ class PerspectiveCamera:
 
 
 def camera_of(image_size: tuple[int, int], fov_deg: float | None) -> PerspectiveCamera:
-    """The camera of a picture (width, height) px with that horizontal field of view, or, where none
-    is known, the assumed one."""
+    """The camera of a picture (width, height) px with that field of view across its longer side,
+    or, where none is known, the assumed one."""
     width, height = image_size
-    across, fov = (max(width, height), _ASSUMED_FOV_DEG) if fov_deg is None else (width, fov_deg)
+    across, fov = max(width, height), ASSUMED_FOV_DEG if fov_deg is None else fov_deg
     if not (math.isfinite(fov) and 1 <= fov <= 170):
         raise UsageError(f"field of view of {fov} degrees; expected 1 to 170")
     focal = across / 2 / math.tan(math.radians(fov) / 2)

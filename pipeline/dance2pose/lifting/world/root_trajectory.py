@@ -7,9 +7,8 @@ has one, its toe.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
-from dance2pose.lifting.temporal.smoothness import second_difference_bands
+from dance2pose.lifting.world.path_solver import solve_path
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
 
@@ -18,11 +17,6 @@ from dance2pose.skeleton import Skeleton
 _STANDING_MM_S = 350.0
 _LIFTED_MM = 70.0
 _SHORTEST_S = 0.1
-# Errors of the path found frame by frame, across the view and along it; the size of a figure
-# tells its distance far worse than its place.
-_ACROSS_MM, _ALONG_MM = 15.0, 60.0
-_SLIDE_MM = 1.0  # that a standing foot may move from frame to frame
-_ACCELERATION = 4000.0  # mm / s^2, of the pelvis
 
 
 def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
@@ -39,14 +33,13 @@ def follow_floor(
     """The path (T, 3) near `root` along which standing feet neither slide nor leave the floor.
 
     xyz: (T, J, 3) poses with the first joint at the origin. root: (T, 3) found frame by frame, NaN
-    where it could not be. One linear least-squares problem for each axis: near the path that was
-    seen, smooth, and with the feet that stand in one place.
+    where it could not be; the camera at the origin. See `path_solver`.
     """
-    path = _filled(root)
-    path = _solve(path, np.zeros((len(path), 2), bool), xyz, time_s, skeleton)
+    seen, feet = _filled(root), xyz[:, foot_joints(skeleton)]
+    path = solve_path(seen, feet, np.zeros(feet.shape[:2], dtype=bool), time_s)
     for _ in range(2):
         contact = contacts(xyz, path, time_s, skeleton)
-        path = _solve(_filled(root), contact, xyz, time_s, skeleton)
+        path = solve_path(seen, feet, contact, time_s)
     return path
 
 
@@ -88,31 +81,3 @@ def _filled(root: FloatArray) -> FloatArray:
     known = np.isfinite(root).all(axis=1)
     rows = np.arange(len(root))
     return np.stack([np.interp(rows, rows[known], root[known, a]) for a in range(3)], axis=1)
-
-
-def _solve(
-    seen: FloatArray,
-    contact: BoolArray,
-    xyz: FloatArray,
-    time_s: FloatArray,
-    skeleton: Skeleton,
-) -> FloatArray:
-    frames = len(seen)
-    if frames < 3:
-        return seen
-    smooth = second_difference_bands(time_s) / _ACCELERATION**2
-    both = contact[1:] & contact[:-1]
-    out = np.empty_like(seen)
-    for axis, sigma in enumerate((_ACROSS_MM, _ACROSS_MM, _ALONG_MM)):
-        bands, right = smooth.copy(), seen[:, axis] / sigma**2
-        bands[2] += 1 / sigma**2
-        for foot, joint in enumerate(foot_joints(skeleton)):
-            weight = both[:, foot] / _SLIDE_MM**2
-            step = -np.diff(xyz[:, joint, axis])  # of the root, that keeps the foot in place
-            bands[2, 1:] += weight
-            bands[2, :-1] += weight
-            bands[1, 1:] -= weight
-            right[1:] += weight * step
-            right[:-1] -= weight * step
-        out[:, axis] = solveh_banded(bands, right)
-    return out
