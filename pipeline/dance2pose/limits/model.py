@@ -3,7 +3,7 @@
 The form is that of Akhter & Black (CVPR 2015), section 3. A bone that leaves the torso is valid
 where its direction, seen from the shoulders or the hips, falls in an occupied bin of 3 degrees. A
 bone further out is seen from its parent bone; the bin of the parent selects a half-space and a
-box, and the direction must lie in both. The arrays are learned (`limits_learning`), never theirs.
+box, and the direction must lie in both. The arrays are learned (`limits.learning`), never theirs.
 
 Bones are named by the joint they end at; in (..., J - 1) flags bone b ends at joint b + 1.
 """
