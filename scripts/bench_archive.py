@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -67,15 +68,39 @@ def stub_that_computes(job: Job) -> Outcome:
     return stub_without_package(job)
 
 
+@dataclass(frozen=True)
+class Took:
+    """Seconds by the clock, and of processor time in this process: the same on a free machine."""
+
+    clock: float
+    processor: float
+
+    @classmethod
+    def now(cls) -> Took:
+        return cls(time.monotonic(), time.process_time())
+
+    def __sub__(self, other: Took) -> Took:
+        return Took(self.clock - other.clock, self.processor - other.processor)
+
+    def __str__(self) -> str:
+        return f"{self.clock:.2f} s by the clock, {self.processor:.2f} s of processor time"
+
+    def rate(self, items: int) -> str:
+        return (
+            f"{items / self.clock:.0f} items/s by the clock, {items / self.processor:.0f} by "
+            "processor time"
+        )
+
+
 def measure(
     source: Path, archive: Archive, stage: str, workers: int, *, places: bool
-) -> tuple[float, float, list[int]]:
-    """(seconds of planning, seconds of the batch, memory of this process on the way in bytes)."""
+) -> tuple[Took, Took, list[int]]:
+    """What planning and the batch took, and the memory of this process on the way in bytes."""
     memory: list[int] = []
     with contextlib.closing(Ledger(archive.ledger)) as ledger:
-        began = time.monotonic()
+        began = Took.now()
         plan = Planner(ledger, Recipe(), Silent()).look(find_entries(source))
-        planned = time.monotonic()
+        planned = Took.now()
         run = Batch(
             archive,
             ledger,
@@ -93,7 +118,7 @@ def measure(
         finally:
             batch_module.packages.place = place
         assert tally.done == plan.to_do, tally
-        return planned - began, time.monotonic() - planned, memory
+        return planned - began, Took.now() - planned, memory
 
 
 class _Watched(Silent):
@@ -117,10 +142,10 @@ def fresh(folder: Path) -> Iterator[Archive]:
     shutil.rmtree(folder)
 
 
-def timed(work) -> float:  # type: ignore[no-untyped-def]
-    began = time.monotonic()
+def timed(work) -> Took:  # type: ignore[no-untyped-def]
+    began = Took.now()
     work()
-    return time.monotonic() - began
+    return Took.now() - began
 
 
 def main() -> None:
@@ -138,20 +163,20 @@ def main() -> None:
             planning, seconds, memory = measure(
                 source, archive, "stub_without_package", 2, places=False
             )
-            print(f"{arguments.items} items: found in {planning:.1f} s")
-            print(f"ledger and loop: {arguments.items / seconds:.0f} items/s")
+            print(f"{arguments.items} items: found in {planning}")
+            print(f"ledger and loop: {seconds.rate(arguments.items)}")
             steady = [round(b / 1e6) for b in memory[1:]]
             print(f"memory of the batch, MB: {min(steady)} to {max(steady)}")
             with contextlib.closing(Ledger(archive.ledger, read_only=True)) as ledger:
-                print(f"status: {timed(lambda: read_status(ledger)):.2f} s")
-                print(f"report: {timed(lambda: write_report(archive, ledger)):.2f} s")
+                print(f"status: {timed(lambda: read_status(ledger))}")
+                print(f"report: {timed(lambda: write_report(archive, ledger))}")
         part = folder / "part"
         part.mkdir()
         for path in itertools.islice(sorted(source.iterdir()), 300):
             path.rename(part / path.name)
         with fresh(folder / "b") as archive:
             _, seconds, _ = measure(part, archive, "stub_with_package", 2, places=True)
-            print(f"with packages on the disk: {300 / seconds:.0f} items/s")
+            print(f"with packages on the disk: {seconds.rate(300)}")
         few = folder / "few"
         few.mkdir()
         for path in itertools.islice(sorted(part.iterdir()), 40):
@@ -160,7 +185,7 @@ def main() -> None:
         for workers in (1, 2, 1, 2):
             with fresh(folder / "c") as archive:
                 _, seconds, _ = measure(few, archive, "stub_that_computes", workers, places=False)
-                speeds.setdefault(workers, []).append(40 / seconds)
+                speeds.setdefault(workers, []).append(40 / seconds.clock)
         print(f"two workers: {max(speeds[2]) / max(speeds[1]):.2f} x one")
 
 
