@@ -189,7 +189,7 @@ class CameraMotionEstimator:
             criteria=_FLOW_ENOUGH,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
-        inside = _values(background, at[:, 0].astype(np.float64)) > 0
+        inside = _values(background, np.asarray(at[:, 0], np.float64)) > 0
         rows = np.flatnonzero((found[:, 0] > 0) & inside)
         if len(rows) < _FEWEST:
             return None
@@ -242,7 +242,7 @@ class CameraMotionEstimator:
     def _directions(self, points: FloatArray, rotation: FloatArray, zoom: float) -> FloatArray:
         flat = (points * [1.0, -1.0] - self._camera.centre) / (self._camera.focal_px * zoom)
         rays = np.concatenate([flat, -np.ones((len(flat), 1))], axis=1)
-        return rays @ rotation.T
+        return np.asarray(rays @ rotation.T)
 
     def _new_key(
         self, picture: _Grey, background: _Grey, rotation: FloatArray, zoom: float
@@ -251,7 +251,8 @@ class CameraMotionEstimator:
         if corners is None or len(corners) < _FEWEST:
             return None
         directions = self._directions(corners[:, 0].astype(float), rotation, zoom)
-        key = _Key(picture, corners.astype(np.float32), directions, rotation, zoom)
+        points = np.asarray(corners, dtype=np.float32)
+        key = _Key(picture, points, directions, rotation, zoom)
         self._keys = [*self._keys[-_MOST_KEYS:], key]
         return key
 

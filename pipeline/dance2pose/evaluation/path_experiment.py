@@ -134,6 +134,8 @@ def _measured(
     """Foot-slide, error of the path on the floor, how uneven the floor is, mm, and the share of
     frames with a foot below the median height of those that stand, less that of an ankle."""
     feet = world[:, _feet(skeleton)]
+    if not np.isfinite(world).any():
+        return np.nan, np.nan, np.nan, np.nan
     off = (world[:, 0] - truth[:, 0])[:, [0, 2]]
     error = float(np.nanmean(np.linalg.norm(off - np.nanmean(off, axis=0), axis=1)))
     standing = feet[..., 1][contact]
