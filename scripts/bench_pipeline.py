@@ -1,15 +1,19 @@
-"""How fast the whole chain is, beside its models alone and beside rtmlib, and what memory it takes.
+"""How fast the whole chain is, beside its models alone and beside rtmlib in both arrangements.
 
-    python scripts/bench_pipeline.py VIDEO --detector D.onnx --pose P.onnx [--minutes 1 30]
+    python scripts/bench_pipeline.py VIDEO --detector D.onnx --pose P.onnx [--turns 5] [--cores 1]
 
-Everything runs on the same video with the same two models, in turns, and the best turn of each
-counts (other work on the machine only ever slows a turn down). For rtmlib a virtual environment of
-its own is made in a temporary folder: it brings opencv-python, which does not go with
-opencv-python-headless. rtmlib reads YOLOX (raw) and RTMPose (SimCC) models.
+Everything runs on the same video with the same two model files, in turns, so that other work on
+the machine meets all alike. A ratio is taken within each turn; the median over the turns counts.
+For rtmlib a virtual environment of its own is made in a temporary folder (or named with
+--rtmlib-python): it brings opencv-python, which does not go with opencv-python-headless. rtmlib
+reads YOLOX (raw) and RTMPose (SimCC) models.
 
 - chain: `reconstruct`, from the video file to the finished recording, models loaded anew.
-- session: only the `session.run` calls of the detector and the pose model, on the same inputs.
-- rtmlib: its YOLOX and RTMPose over the frames of cv2.VideoCapture; no tracks, no 3D, no output.
+- chain 1: the same with the detector on every frame.
+- bound: only the `session.run` calls that the chain needed, spread over as many threads as there
+  are cores, on inputs made beforehand: the chain cannot be faster.
+- rtmlib 10, rtmlib 1: its PoseTracker over the frames of cv2.VideoCapture, with the detector on
+  every tenth or on every frame; no tracks, no 3D, no output.
 
 Keypoints are compared with both sides fed alike: rtmlib feeds BGR pictures normalised with RGB
 statistics, so here, and only here, the pose model is fed BGR too.
@@ -21,28 +25,31 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 import venv
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import onnxruntime
 
 from dance2pose.detection import load_detector
 from dance2pose.keypoints import KeypointEstimator, load_pose_model
-from dance2pose.onnx_models.inference import Session
-from dance2pose.options import Settings
+from dance2pose.onnx_models.inference import Session, usable_cores
+from dance2pose.options import OutputOptions, Settings, SpeedOptions
+from dance2pose.people import PoseModels, find_people
 from dance2pose.poses import Poses2D
+from dance2pose.profiling import Profile
 from dance2pose.reconstruction import reconstruct
 from dance2pose.video import open_video
 
-TARGET_OF_SESSION, TARGET_OF_RTMLIB, TARGET_PX = 0.85, 1.3, 2.0
+# Least ratios of the chain's frame rate, and the largest mean distance of keypoints.
+TARGETS = {"bound": 0.85, "rtmlib 10": 2.5}
+TARGET_PX = 2.0
 CONFIDENT = 0.3
 
 
@@ -68,108 +75,158 @@ def main() -> None:
     parser.add_argument("video", type=Path)
     parser.add_argument("--detector", type=Path, required=True)
     parser.add_argument("--pose", type=Path, required=True)
-    parser.add_argument("--lifter", choices=["default", "paper"], default="default")
+    parser.add_argument("--detect-every", type=int, default=SpeedOptions.detect_every)
     parser.add_argument("--seconds", type=float, help="of the video to use, all if not given")
     parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--minutes", type=float, nargs="*", default=[], help="of memory runs")
+    parser.add_argument("--cores", type=int, help="to use, by affinity; all if not given")
+    parser.add_argument("--rtmlib-python", type=Path, help="of an environment that has rtmlib")
     parser.add_argument("--no-rtmlib", action="store_true")
     options = parser.parse_args()
+    if options.cores:
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
     print(f"{options.video.name}, {options.detector.name}, {options.pose.name}")
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, ORT {onnxruntime.__version__}")
+    print(f"{usable_cores()} cores, load {os.getloadavg()[0]:.1f}, ORT {onnxruntime.__version__}")
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        measure_speed(options, folder)
-        for minutes in options.minutes:
-            peak, turn = measure_memory(options, folder, minutes)
-            print(f"{minutes:g} min of video: peak memory {peak / 1e6:.0f} MB, {turn}")
+        measure(options, Path(name))
 
 
-def measure_speed(options: argparse.Namespace, folder: Path) -> None:
-    settings = Settings.of(
-        detector=options.detector, pose=options.pose, lifter=options.lifter, end_s=options.seconds
-    )
-    models = Models(options.detector, options.pose)
+def measure(options: argparse.Namespace, folder: Path) -> None:
+    bench = Bench(options, folder)
     turns: dict[str, Callable[[], Turn]] = {
-        "chain": lambda: chain(options.video, settings, folder / "out.rrd"),
-        "session": lambda: models.session_alone(options.video, options.seconds),
+        "chain": lambda: bench.chain(options.detect_every),
+        "bound": bench.bound,
+        "chain 1": lambda: bench.chain(1),
     }
     if not options.no_rtmlib:
-        python = environment_with_rtmlib(folder)
-        turns["rtmlib"] = lambda: rtmlib(python, options, models, folder)
+        python = options.rtmlib_python or environment_with_rtmlib(folder)
+        turns["rtmlib 10"] = lambda: bench.rtmlib(python, 10)
+        turns["rtmlib 1"] = lambda: bench.rtmlib(python, 1)
     results: dict[str, list[Turn]] = {name: [] for name in turns}
     for _ in range(options.turns):
         for name, turn in turns.items():
             results[name].append(turn())
-            print(f"  {name:8} {results[name][-1]}", flush=True)
-    best = {name: max(done, key=lambda turn: turn.rate) for name, done in results.items()}
-    least = {name: min(turn.cpu_s / turn.frames for turn in done) for name, done in results.items()}
-    print("best of each:")
-    for name, fastest in best.items():
-        print(f"{name:8} {fastest}")
-    compare("session", TARGET_OF_SESSION, best, least)
-    if "rtmlib" in best:
-        compare("rtmlib", TARGET_OF_RTMLIB, best, least)
-        print_distance(options, folder)
+            print(f"  {name:9} {results[name][-1]}", flush=True)
+    print("frames a second, median of the turns, and the chain's ratio to it:")
+    rates = {name: np.array([turn.rate for turn in done]) for name, done in results.items()}
+    for name, rate in rates.items():
+        ratio = float(np.median(rates["chain"] / rate))
+        target = TARGETS.get(name)
+        verdict = f" (target {target}, {reached(ratio >= target)})" if target else ""
+        print(f"{name:9} {np.median(rate):7.2f}  {ratio:5.2f}{verdict}")
+    after = bench.profile.share("lifting", "smoothing", "recording")
+    print(f"lifting and writing: {after:.1%} of the chain (target 5 %, {reached(after <= 0.05)})")
+    print(bench.profile.table())
+    if not options.no_rtmlib:
+        bench.print_distance()
 
 
-def compare(other: str, target: float, best: dict[str, Turn], least: dict[str, float]) -> None:
-    ratio = best["chain"].rate / best[other].rate
-    by_cpu = least[other] / least["chain"]
-    verdict = "reached" if ratio >= target else "missed"
-    print(
-        f"chain / {other}: {ratio:.2f} (target {target}, {verdict}); by processor time {by_cpu:.2f}"
-    )
+def reached(holds: bool) -> str:
+    return "reached" if holds else "missed"
 
 
-def chain(video: Path, settings: Settings, output: Path) -> Turn:
-    wall, cpu = time.perf_counter(), time.process_time()
-    summary = reconstruct(video, output, settings, overwrite=True)
-    return Turn(summary.frames, time.perf_counter() - wall, time.process_time() - cpu)
+class Bench:
+    """What is measured, on one video with two models."""
 
-
-class Models:
-    """The two models, with their `session.run` calls timed."""
-
-    def __init__(self, detector: Path, pose: Path, manifest: Path | None = None) -> None:
-        self.detector = load_detector(detector)
-        estimator = load_pose_model(pose, manifest=manifest)
+    def __init__(self, options: argparse.Namespace, folder: Path) -> None:
+        self.options = options
+        self.folder = folder
+        self.detector = load_detector(options.detector, threads=1)
+        estimator = load_pose_model(options.pose, threads=1)
         if not isinstance(estimator, KeypointEstimator):
-            raise SystemExit(f"{pose}: is a one-stage model; rtmlib is compared with two models")
+            raise SystemExit(f"{options.pose}: is a one-stage model; rtmlib runs two models")
         self.estimator = estimator
-        self.wall_s = self.cpu_s = 0.0
-        for model in (self.detector, self.estimator):
-            session: Session = vars(model)["_session"]
-            session._native = _Timed(session._native, self)
+        self.profile = Profile()
 
-    def session_alone(self, video: Path, seconds: float | None) -> Turn:
-        """The time spent inside `session.run` while the video goes through both models."""
-        self.wall_s = self.cpu_s = 0.0
-        frames = 0
-        with open_video(video, end_s=seconds) as reader:
-            # Decoded beforehand: nothing but the models shall use the processor meanwhile.
-            pictures = [frame.image for frame in reader]
-        for picture in pictures:
-            self.estimator.estimate(picture, self.detector.detect(picture))
-            frames += 1
-        return Turn(frames, self.wall_s, self.cpu_s)
-
-
-class _Timed:
-    """An ONNX Runtime session that adds up how long its `run` takes."""
-
-    def __init__(self, native: Any, total: Models) -> None:
-        self._native, self._total = native, total
-
-    def run(self, *arguments: Any) -> Any:
+    def chain(self, detect_every: int) -> Turn:
+        settings = Settings.of(
+            detector=self.options.detector,
+            pose=self.options.pose,
+            end_s=self.options.seconds,
+            detect_every=detect_every,
+        )
         wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            return self._native.run(*arguments)
-        finally:
-            self._total.wall_s += time.perf_counter() - wall
-            self._total.cpu_s += time.process_time() - cpu
+        with Profile() as profile:
+            summary = reconstruct(
+                self.options.video,
+                self.folder / "out.rrd",
+                settings,
+                outputs=OutputOptions(picture="none"),
+                overwrite=True,
+            )
+        if detect_every == self.options.detect_every:
+            self.profile, self.frames = profile, summary.frames
+        return Turn(summary.frames, time.perf_counter() - wall, time.process_time() - cpu)
+
+    def bound(self) -> Turn:
+        """The model calls of the last chain, and nothing else, in one thread a core."""
+        jobs = []
+        for name, model in (("keypoints", self.estimator), ("detector", self.detector)):
+            session: Session = vars(model)["session"]
+            jobs += [model_call(session)] * self.profile.calls[name]
+        wall, cpu = time.perf_counter(), time.process_time()
+        with ThreadPoolExecutor(usable_cores()) as pool:
+            for done in [pool.submit(job) for job in jobs]:
+                done.result()
+        return Turn(self.frames, time.perf_counter() - wall, time.process_time() - cpu)
+
+    def rtmlib(self, python: Path, detect_every: int) -> Turn:
+        detector = self.detector.description.manifest
+        pose = self.estimator.description.manifest
+        output = self.folder / f"rtmlib_{detect_every}.json"
+        job = {
+            "video": str(self.options.video),
+            "seconds": self.options.seconds,
+            "detect_every": detect_every,
+            "detector": str(self.detector.description.path),
+            "detector_size": [detector.input_height, detector.input_width],
+            "score_threshold": detector.score_threshold,
+            "nms_threshold": detector.nms_threshold,
+            "pose": str(self.estimator.description.path),
+            "pose_size": [pose.input_width, pose.input_height],
+            "output": str(output),
+        }
+        script = Path(__file__).with_name("bench_rtmlib.py")
+        subprocess.run([python, script, json.dumps(job)], check=True, stdout=subprocess.DEVNULL)
+        answer = json.loads(output.read_text())
+        return Turn(len(answer["poses"]), answer["wall_s"], answer["cpu_s"])
+
+    def print_distance(self) -> None:
+        """Mean distance between the chain's keypoints and those of rtmlib's detector on every
+        frame, of the same person in the same frame."""
+        manifest = self.folder / "bgr.toml"
+        manifest.write_text('colour_order = "BGR"\n')
+        pose = load_pose_model(self.options.pose, manifest=manifest, threads=1)
+        models = PoseModels(self.detector, pose)
+        speed = SpeedOptions(detect_every=self.options.detect_every)
+        theirs = json.loads((self.folder / "rtmlib_1.json").read_text())["poses"]
+        distances: list[float] = []
+        alone = people = 0
+        with open_video(self.options.video, end_s=self.options.seconds) as reader:
+            found = find_people(reader, models, speed)
+            for ours, other in zip((f.poses for f in found), theirs, strict=False):
+                joints = ours.xy.shape[1:]
+                matched = distances_of_a_frame(ours, np.array(other).reshape(-1, *joints))
+                people += len(ours)
+                alone += len(ours) - len(matched)
+                distances += [d for person in matched for d in person]
+        mean = float(np.mean(distances))
+        print(
+            f"keypoints against rtmlib's, detector on every frame: {mean:.2f} px on average "
+            f"(target {TARGET_PX}, {reached(mean <= TARGET_PX)}), median "
+            f"{np.median(distances):.2f}, 95 % below {np.quantile(distances, 0.95):.2f}; "
+            f"{len(distances)} keypoints, {alone} of {people} people seen by one side only"
+        )
 
 
-# rtmlib ---------------------------------------------------------------------------------------
+def model_call(session: Session) -> Callable[[], Any]:
+    """One run of a model on an input made beforehand."""
+    random = np.random.default_rng(0)
+    feeds = {
+        tensor.name: random.uniform(0, 1, [n or 1 for n in tensor.shape]).astype(tensor.dtype)
+        for tensor in session.inputs
+    }
+    outputs = [tensor.name for tensor in session.outputs]
+    return lambda: session._native.run(outputs, feeds)
 
 
 def environment_with_rtmlib(folder: Path) -> Path:
@@ -180,50 +237,6 @@ def environment_with_rtmlib(folder: Path) -> Path:
     packages = ["rtmlib", f"onnxruntime=={onnxruntime.__version__}", f"numpy=={np.__version__}"]
     subprocess.run([python, "-m", "pip", "install", "--quiet", *packages], check=True)
     return python
-
-
-def rtmlib(python: Path, options: argparse.Namespace, models: Models, folder: Path) -> Turn:
-    detector = models.detector.description.manifest
-    pose = models.estimator.description.manifest
-    job = {
-        "video": str(options.video),
-        "seconds": options.seconds,
-        "detector": str(models.detector.description.path),
-        "detector_size": [detector.input_height, detector.input_width],
-        "score_threshold": detector.score_threshold,
-        "nms_threshold": detector.nms_threshold,
-        "pose": str(models.estimator.description.path),
-        "pose_size": [pose.input_width, pose.input_height],
-        "output": str(folder / "rtmlib.json"),
-    }
-    script = Path(__file__).with_name("bench_rtmlib.py")
-    subprocess.run([python, script, json.dumps(job)], check=True, stdout=subprocess.DEVNULL)
-    answer = json.loads((folder / "rtmlib.json").read_text())
-    return Turn(len(answer["poses"]), answer["wall_s"], answer["cpu_s"])
-
-
-def print_distance(options: argparse.Namespace, folder: Path) -> None:
-    """Mean distance between our keypoints and rtmlib's, of the same person in the same frame."""
-    manifest = folder / "bgr.toml"
-    manifest.write_text('colour_order = "BGR"\n')
-    models = Models(options.detector, options.pose, manifest)
-    theirs = json.loads((folder / "rtmlib.json").read_text())["poses"]
-    distances: list[float] = []
-    alone = people = 0
-    with open_video(options.video, end_s=options.seconds) as reader:
-        for frame, other in zip(reader, theirs, strict=False):
-            ours = models.estimator.estimate(frame.image, models.detector.detect(frame.image))
-            people += len(ours)
-            matched = distances_of_a_frame(ours, np.array(other).reshape(-1, *ours.xy.shape[1:]))
-            alone += len(ours) - len(matched)
-            distances += [d for person in matched for d in person]
-    mean = float(np.mean(distances))
-    verdict = "reached" if mean <= TARGET_PX else "missed"
-    print(
-        f"keypoints against rtmlib's: {mean:.2f} px on average (target {TARGET_PX}, {verdict}), "
-        f"median {np.median(distances):.2f}, 95 % below {np.quantile(distances, 0.95):.2f}; "
-        f"{len(distances)} keypoints, {alone} of {people} people seen by one side only"
-    )
 
 
 def distances_of_a_frame(ours: Poses2D, theirs: np.ndarray[Any, Any]) -> list[list[float]]:
@@ -238,53 +251,6 @@ def distances_of_a_frame(ours: Poses2D, theirs: np.ndarray[Any, Any]) -> list[li
         if np.nanmedian(nearest) < extent / 4:  # else it is another person
             out.append(nearest[confidence > CONFIDENT].tolist())
     return out
-
-
-# Memory ---------------------------------------------------------------------------------------
-
-
-def measure_memory(options: argparse.Namespace, folder: Path, minutes: float) -> tuple[int, Turn]:
-    """Peak resident memory (bytes) of `dance2pose` on the clip repeated to that length."""
-    clip = looped(options.video, folder / f"loop_{minutes:g}.mkv", minutes * 60)
-    command = [
-        *(sys.executable, "-m", "dance2pose", str(clip), "-o", str(folder / "loop.rrd")),
-        *("--detector", str(options.detector), "--pose", str(options.pose)),
-        *("--lifter", options.lifter, "--picture", "none", "--overwrite", "--quiet"),
-    ]
-    start = time.perf_counter()
-    process = subprocess.Popen(command)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise SystemExit(f"the run over {minutes:g} minutes failed")
-    with av.open(str(clip)) as container:
-        frames = sum(1 for packet in container.demux(video=0) if packet.size)
-    kilo = 1 if sys.platform == "darwin" else 1024
-    cpu = usage.ru_utime + usage.ru_stime
-    return usage.ru_maxrss * kilo, Turn(frames, time.perf_counter() - start, cpu)
-
-
-def looped(video: Path, target: Path, seconds: float) -> Path:
-    """The clip again and again, its packets copied, with times that go on."""
-    with av.open(str(target), "w") as output:
-        stream = None
-        shift = 0.0
-        while shift < seconds:
-            with av.open(str(video)) as source:
-                original = source.streams.video[0]
-                stream = stream or output.add_stream_from_template(original)
-                base = float(original.time_base or 0)
-                end = 0.0
-                for packet in source.demux(original):
-                    if packet.pts is None or packet.dts is None:
-                        continue
-                    end = max(end, (packet.pts + (packet.duration or 0)) * base)
-                    packet.pts += round(shift / base)
-                    packet.dts += round(shift / base)
-                    packet.stream = stream
-                    output.mux(packet)
-                shift += end
-    return target
 
 
 if __name__ == "__main__":

@@ -12,7 +12,9 @@ import pytest
 
 from dance2pose.errors import UsageError
 from dance2pose.recording import picture as picture_module
-from dance2pose.recording.picture import choose_picture, ffmpeg_plays, viewer_timestamps_ns
+from dance2pose.recording import pieces as pieces_module
+from dance2pose.recording.picture import choose_picture, ffmpeg_plays
+from dance2pose.recording.pieces import References, nearest, pieces
 from dance2pose.recording.writer import RecordingWriter
 from dance2pose.video import VideoInfo, open_video
 from recording_making import Recording, make_provenance, timeline_of
@@ -21,6 +23,7 @@ from video_making import make_video, numbered, numbered_video, woven
 TIMES_MS = [0, 40, 80, 160, 200, 210, 300, 340, 500, 540, 600, 720]
 # Else x264 writes the clock's tick, a millisecond, into the stream as its frame rate.
 STEADY = {"x264-params": "force-cfr=1"}
+OPEN = "force-cfr=1:open-gop=1"
 
 
 @pytest.fixture(autouse=True)
@@ -118,12 +121,45 @@ def test_a_trimmed_file_is_recorded_as_frames(tmp_path: Path) -> None:
     assert "12 pictures where the file shows 8" in reason
 
 
-def test_a_file_too_large_for_one_piece_is_recorded_as_frames(
+def test_a_large_file_without_a_place_to_cut_is_recorded_as_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    info = info_of(numbered_video(tmp_path / "a.mp4"))
-    monkeypatch.setattr(picture_module, "LARGEST_VIDEO_BYTES", info.size_bytes - 1)
+    info = info_of(numbered_video(tmp_path / "a.mp4", options={"g": "30"}))
+    monkeypatch.setattr(pieces_module, "PIECE_BYTES", 10)
+    monkeypatch.setattr(pieces_module, "LARGEST_PIECE_BYTES", info.size_bytes // 4)
     assert choose_picture(info).mode == "frames"
+
+
+@pytest.mark.parametrize("options", [{"bf": "0"}, {"bf": "3"}, {"bf": "3", "x264-params": OPEN}])
+def test_a_large_file_is_cut_where_frames_need_none_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, str]
+) -> None:
+    """Every piece can be decoded alone, and all of them together show every frame once."""
+    path = numbered_video(tmp_path / "a.mp4", times_ms=TIMES_MS, options={"g": "4", **options})
+    monkeypatch.setattr(pieces_module, "PIECE_BYTES", 10)
+    cut = list(pieces(path, 0))
+    assert len(cut) > 1 or "x264-params" in options
+    shown = np.concatenate([piece.shown_s for piece in cut])
+    np.testing.assert_allclose(shown - shown[0], np.array(TIMES_MS) / 1e3, atol=1e-6)
+    for number, piece in enumerate(cut):
+        alone = tmp_path / f"{number}.mp4"
+        alone.write_bytes(bytes(piece.asset.blob.as_arrow_array()[0].values.to_numpy()))
+        with av.open(str(alone)) as container:
+            assert len(list(container.decode(video=0))) == len(piece.shown_s)
+
+
+def test_references_find_the_piece_that_shows_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = numbered_video(tmp_path / "a.mp4", times_ms=TIMES_MS, options={"g": "4", "bf": "0"})
+    monkeypatch.setattr(pieces_module, "PIECE_BYTES", 10)
+    references = References()
+    for piece in pieces(path, 0):
+        references.add(piece)
+    number, timestamps_ns = references.of(np.array(TIMES_MS) / 1e3)
+    np.testing.assert_array_equal(number, np.repeat([0, 1, 2], 4))
+    starts = np.repeat(np.array(TIMES_MS)[::4], 4)
+    np.testing.assert_allclose(timestamps_ns / 1e6, np.array(TIMES_MS) - starts, atol=1e-3)
 
 
 def test_without_ffmpeg_only_what_the_viewer_decodes_itself(
@@ -170,13 +206,11 @@ def test_as_asked_for(tmp_path: Path) -> None:
         assert choose_picture(info, asked).mode == asked  # type: ignore[arg-type]
 
 
-def test_the_nearest_timestamp_is_the_frames() -> None:
-    timestamps = np.array([70, 100, 130, 190]) * 10**6
-    found = viewer_timestamps_ns(timestamps, np.array([0.0, 0.0299, 0.061, 0.119, 9.0]))
-    np.testing.assert_array_equal(found, timestamps[[0, 1, 2, 3, 3]])
-    np.testing.assert_array_equal(
-        viewer_timestamps_ns(timestamps[:1], np.array([0.0])), [7 * 10**7]
-    )
+def test_the_nearest_time_is_the_frames() -> None:
+    times = np.array([0.07, 0.1, 0.13, 0.19])
+    found = nearest(times, 0.07 + np.array([0.0, 0.0299, 0.061, 0.119, 9.0]))
+    np.testing.assert_array_equal(found, [0, 1, 2, 3, 3])
+    np.testing.assert_array_equal(nearest(times[:1], np.array([0.0])), [0])
 
 
 @pytest.mark.parametrize("offset_ms", [0, 1500])
@@ -210,16 +244,19 @@ def test_every_reference_is_to_the_frame_that_was_processed(
     np.testing.assert_allclose(
         [time_s for _, time_s, _ in rows], np.array(TIMES_MS)[processed] / 1e3, atol=2e-9
     )
-    assert bytes(recording.static("/video", "AssetVideo:blob")[0]) == path.read_bytes()
+    assert bytes(recording.static("/video_file/0000", "AssetVideo:blob")[0]) == path.read_bytes()
 
 
 @pytest.mark.shared
 def test_real_videos_keep_their_times(shared: Path) -> None:
     for path in sorted((shared / "videos").glob("*.mp4")):
-        timestamps = picture_module.read_video_asset(path).timestamps_ns
+        [piece] = pieces(path, 0)
+        references = References()
+        references.add(piece)
+        timestamps = piece.timestamps_ns
         with open_video(path) as frames:
             time_s = np.array([frame.time_s for frame in frames])
             assert choose_picture(frames.info).mode == "video"
         assert len(timestamps) == len(time_s)
         np.testing.assert_allclose((timestamps - timestamps[0]) / 1e9, time_s, atol=1e-6)
-        np.testing.assert_array_equal(viewer_timestamps_ns(timestamps, time_s), timestamps)
+        np.testing.assert_array_equal(references.of(time_s)[1], timestamps)

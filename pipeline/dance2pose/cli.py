@@ -32,6 +32,7 @@ from dance2pose.options import (
     OutputOptions,
     Settings,
     SmoothOptions,
+    SpeedOptions,
     VideoOptions,
     nearest,
 )
@@ -79,7 +80,9 @@ def reconstruct(
     lift: Annotated[LiftOptions | None, FLAT] = None,
     smooth: Annotated[SmoothOptions | None, SMOOTH_FLAT] = None,
     part: Annotated[VideoOptions | None, FLAT] = None,
+    speed: Annotated[SpeedOptions | None, FLAT] = None,
     outputs: Annotated[OutputOptions | None, SWITCHES_FLAT] = None,
+    profile: bool = False,
     config: Path | None = None,
     overwrite: bool = False,
     quiet: bool = False,
@@ -98,6 +101,8 @@ def reconstruct(
         ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector.
     person
         Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N.
+    profile
+        Say at the end where the time went.
     min_confidence
         Score, 0 to 1, from which people and keypoints count; as is usual for each model if not
         given.
@@ -119,8 +124,17 @@ def reconstruct(
         video=part or VideoOptions(),
         lift=lift or LiftOptions(),
         smooth=smooth or SmoothOptions(),
+        speed=speed or SpeedOptions(),
     )
-    run(video, output, settings, outputs or OutputOptions(), overwrite=overwrite, quiet=quiet)
+    run(
+        video,
+        output,
+        settings,
+        outputs or OutputOptions(),
+        overwrite=overwrite,
+        quiet=quiet,
+        profiled=profile,
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -44,7 +44,7 @@ class WholePictureModel:
     def __init__(self, session: Session, description: ModelDescription) -> None:
         self.description = description
         manifest = description.manifest
-        self._session = session
+        self.session = session
         self._form = FORMS[description.form]
         image = next(tensor for tensor in session.inputs if len(tensor.shape) == 4)
         self._image_name = image.name
@@ -62,7 +62,7 @@ class WholePictureModel:
         """
         manifest = self.description.manifest
         tensor, image_from_network = self._input.whole(image, batch=self._batch)
-        values = self._session.run({self._image_name: tensor, **self._extra}, self._outputs)
+        values = self.session.run({self._image_name: tensor, **self._extra}, self._outputs)
         try:
             found = self._form.decode(dict(zip(self._roles, values, strict=True)), manifest)
         except (ValueError, IndexError) as error:
@@ -146,6 +146,7 @@ def load_detector(
     *,
     manifest: Path | None = None,
     threads: int | None = None,
+    provider: str = "cpu",
     min_confidence: float | None = None,
 ) -> Detector:
     """A detector from an ONNX file or its manifest (.toml).
@@ -154,7 +155,9 @@ def load_detector(
     has it. Raises ModelError for a model that cannot be loaded, is not recognised, or is no
     detector.
     """
-    session, description = open_model(Path(path), manifest=manifest, threads=threads)
+    session, description = open_model(
+        Path(path), manifest=manifest, threads=threads, provider=provider
+    )
     if description.kind != "detector":
         hint = " (it needs no detector)" if description.kind == "one-stage" else ""
         raise ModelError(

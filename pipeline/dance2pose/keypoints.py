@@ -59,16 +59,18 @@ class OneStageEstimator(Protocol):
 class OnnxKeypoints:
     """A top-down estimator that runs an ONNX model on a crop of every person."""
 
-    def __init__(self, session: Session, description: ModelDescription) -> None:
+    def __init__(
+        self, session: Session, description: ModelDescription, *, batch: int = LARGEST_BATCH
+    ) -> None:
         self.description = description
         self.skeleton = _skeleton(description)
         manifest = description.manifest
-        self._session = session
+        self.session = session
         self._decode = FORMS[description.form].decode
         image = next(tensor for tensor in session.inputs if len(tensor.shape) == 4)
         self._image_name = image.name
         self._fixed_batch = image.shape[0]
-        self._batch = self._fixed_batch or min(LARGEST_BATCH, manifest.max_batch or LARGEST_BATCH)
+        self._batch = self._fixed_batch or min(batch, manifest.max_batch or batch)
         self._input = ImageInput(manifest, image.dtype)
         self._roles, self._outputs = zip(*description.roles.items(), strict=True)
         self.answers = Answers()
@@ -112,7 +114,7 @@ class OnnxKeypoints:
         """Keypoints in the network's input and scores of a tensor of crops."""
         hint = "if it takes one picture at a time, state max_batch = 1 in its manifest"
         try:
-            values = self._session.run({self._image_name: tensor}, self._outputs)
+            values = self.session.run({self._image_name: tensor}, self._outputs)
         except ModelError as error:
             if len(tensor) == 1:
                 raise
@@ -160,14 +162,19 @@ def load_pose_model(
     *,
     manifest: Path | None = None,
     threads: int | None = None,
+    provider: str = "cpu",
+    batch: int = LARGEST_BATCH,
     min_confidence: float | None = None,
 ) -> KeypointEstimator | OneStageEstimator:
     """A pose model from an ONNX file or its manifest (.toml).
 
-    min_confidence: the score from which a one-stage model's box is a person. Raises ModelError for
-    a model that cannot be loaded, is not recognised, or is a detector.
+    batch: people a call at most, where the graph takes any number. min_confidence: the score from
+    which a one-stage model's box is a person. Raises ModelError for a model that cannot be loaded,
+    is not recognised, or is a detector.
     """
-    session, description = open_model(Path(path), manifest=manifest, threads=threads)
+    session, description = open_model(
+        Path(path), manifest=manifest, threads=threads, provider=provider
+    )
     if description.kind == "detector":
         raise ModelError(
             f"{path}: is a person detector ({description.form}), expected a pose model; "
@@ -175,7 +182,7 @@ def load_pose_model(
         )
     if description.kind == "one-stage":
         return OnnxOneStage(session, with_threshold(description, min_confidence))
-    return OnnxKeypoints(session, description)
+    return OnnxKeypoints(session, description, batch=batch)
 
 
 def _skeleton(description: ModelDescription) -> str:

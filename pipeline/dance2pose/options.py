@@ -20,6 +20,7 @@ Lifter = Literal["default", "paper"]
 Camera = Literal["auto", "weak-perspective", "perspective"]
 Deinterlace = Literal["auto", "off"]
 Picture = Literal["auto", "video", "frames", "none"]
+Provider = Literal["auto", "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml"]
 SmoothModel = Literal[
     "auto",
     "none",
@@ -42,6 +43,7 @@ T = TypeVar("T")
 
 HEIGHT_RANGE_M = (0.3, 3.0)
 FOV_RANGE_DEG = (5.0, 170.0)
+LONGEST_DETECT_EVERY = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +136,36 @@ class SmoothOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpeedOptions:
+    """How thoroughly people are looked for, and which hardware does it.
+
+    Only `detect_every` can change a result; other hardware rounds a little differently.
+    """
+
+    detect_every: int = 10
+    """Look for people in every N-th frame, at least twice a second, and follow them in between;
+    1: look in every frame."""
+    threads: int | None = None
+    """Frames worked on at once; as many as there are cores if not given."""
+    batch: int = 16
+    """People in one call of the keypoint model at most, where the model takes several."""
+    provider: Provider = "auto"
+    """Hardware that runs the models; auto: the fastest that the installed ONNX Runtime offers."""
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        check_whole("detect-every", self.detect_every, at_least=1)
+        require(
+            self.detect_every <= LONGEST_DETECT_EVERY,
+            f"detect-every {self.detect_every}: expected at most {LONGEST_DETECT_EVERY} frames, "
+            "which are held in memory",
+        )
+        if self.threads is not None:
+            check_whole("threads", self.threads, at_least=1)
+        check_whole("batch", self.batch, at_least=1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """All that `analyse` can be told, beyond the video."""
 
@@ -149,6 +181,7 @@ class Settings:
     video: VideoOptions = field(default_factory=VideoOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
+    speed: SpeedOptions = field(default_factory=SpeedOptions)
 
     def __post_init__(self) -> None:
         parse_person(self.person)

@@ -21,13 +21,13 @@ from dance2pose.lifting.lift import describe_camera, lift_all
 from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.onnx_models.answers import losses
 from dance2pose.options import OutputOptions, Settings, combined
-from dance2pose.people import PoseModels, find_ahead, load_models
+from dance2pose.people import PoseModels, find_people, load_models
 from dance2pose.poses import Dancer, Frame, Timeline, Track2D
+from dance2pose.profiling import stage
 from dance2pose.progress import Progress, Silent
 from dance2pose.provenance import describe_run, file_sha256, identity_of
 from dance2pose.results import Result, Shot, Source
 from dance2pose.saving import open_recording, plan_run, save, write_beside
-from dance2pose.shots import ShotDetector
 from dance2pose.tracking.tracker import Tracker, TrackingSettings
 from dance2pose.video import FrameReader, open_video
 
@@ -205,8 +205,10 @@ def reconstruct(
             ) as recording:
                 progress.say(f"picture in the recording: {recording.picture}")
                 found = _analyse(frames, models, settings, recording.picture_frame, progress)
-                recording.write(found.dancers, found.provenance, found.source.timeline)
-            notes = write_beside(found, plan, staged)
+                with stage("recording"):
+                    recording.write(found.dancers, found.provenance, found.source.timeline)
+            with stage("recording"):
+                notes = write_beside(found, plan, staged)
     return summarise(found, staged.files, notes)
 
 
@@ -228,6 +230,8 @@ def _analyse(
     on_frame: FrameListener | None,
     progress: Progress,
 ) -> Reconstruction:
+    for note in models.notes:
+        progress.say(f"note: {note}")
     followed = _follow(frames, models, settings, on_frame, progress)
     lost = losses(models.accounts, first_time_s=float(followed.timeline.time_s[0]))
     tracks = followed.tracker.finish(settings.person)
@@ -243,9 +247,8 @@ def _analyse(
         frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
     )
     everyone = followed.tracker.finish("all")
-    moves = followed.motion.notes()
-    said = find(dancers, everyone, source.timeline)
-    findings = (*frames.warnings, *lost, *moves, *said)
+    said = (*frames.warnings, *models.notes, *lost, *followed.motion.notes())
+    findings = (*said, *find(dancers, everyone, source.timeline))
     provenance = describe_run(
         source.info,
         models,
@@ -257,6 +260,7 @@ def _analyse(
                 settings.lift, followed.motion, [dancer.raw for dancer in dancers]
             ),
             "deinterlaced": "yes" if source.deinterlaced else "no",
+            **models.hardware,
         },
         warnings=findings,
     )
@@ -282,7 +286,6 @@ def _follow(
     progress: Progress,
 ) -> _Followed:
     """Read the video once: people and keypoints of every frame, joined into tracks."""
-    shots = ShotDetector()
     tracking = TrackingSettings()
     if settings.min_confidence is not None:
         tracking = replace(tracking, min_confidence=settings.min_confidence)
@@ -290,18 +293,28 @@ def _follow(
     camera = CameraMotionEstimator(frames.info.size, settings.lift.fov_deg)
     seen: list[tuple[int, float]] = []
     starts: list[int] = []
-    found = find_ahead(frames, models)
-    for frame, (boxes, poses) in progress.track(
+    found = find_people(frames, models, settings.speed)
+    for people in progress.track(
         found, "detecting and estimating", total=frames.expected_frames, unit="frame"
     ):
-        cut = shots.is_cut(frame)
-        if cut or not starts:
+        frame = people.frame
+        if people.cut or not starts:
             starts.append(len(seen))
         seen.append((frame.index, frame.time_s))
-        tracker.update(frame.index, frame.time_s, boxes, poses, cut=cut, image=frame.image)
-        camera.update(frame, boxes.xyxy, cut=cut)
+        with stage("tracking"):
+            tracker.update(
+                frame.index,
+                frame.time_s,
+                people.boxes,
+                people.poses,
+                cut=people.cut,
+                image=frame.image,
+            )
+        with stage("camera motion"):
+            camera.update(frame, people.boxes.xyxy, cut=people.cut)
         if on_frame is not None:
-            on_frame(frame)
+            with stage("recording"):
+                on_frame(frame)
     indices = np.array([index for index, _ in seen], np.int64)
     timeline = Timeline(indices, np.array([time for _, time in seen], np.float64))
     ends = [*starts[1:], len(seen)]
@@ -320,7 +333,8 @@ def to_3d(
     tracks: Sequence[Track2D], settings: Settings, motion: CameraMotion | None = None
 ) -> list[Dancer]:
     """Lift the dancers' keypoints and smooth the joints over time."""
-    lifted = lift_all(tracks, settings.lift, motion=motion)
+    with stage("lifting"):
+        lifted = lift_all(tracks, settings.lift, motion=motion)
     model, window = settings.smooth.model_after(settings.lift.lifter), settings.smooth.window
     return [
         Dancer(

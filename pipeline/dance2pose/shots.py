@@ -59,7 +59,10 @@ class ShotDetector:
             return False
         last, before = self._last, self._prepared
         self._last, self._prepared = frame, picture
-        if last is None or before is None or not differ(*align(before, picture)):
+        # Laid over each other they can only differ less: most frames need no closer look.
+        if last is None or before is None or _distance(before, picture) < THRESHOLD:
+            return False
+        if not differ(*align(before, picture)):
             return False
         return last.inner == frame.inner or _common_parts_differ(last, frame)
 

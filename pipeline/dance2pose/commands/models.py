@@ -143,3 +143,34 @@ def pull(name: str, *, quiet: bool = False) -> None:
             "The publisher states no hash for this file: that of this first download is recorded, "
             "and from now on the model and every later download must have it."
         )
+
+
+@models.command
+def quantise(
+    model: Path,
+    *,
+    video: Path,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    detector: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write a model in 8-bit numbers, and say what that costs and gains on your own video.
+
+    Parameters
+    ----------
+    model
+        The ONNX file, its manifest, or the name of a pulled model.
+    video
+        A video like those that the model is for; what it shows decides the ranges of the numbers.
+    output
+        The model to write, a name in .onnx; its manifest is written beside it.
+    detector
+        Person detector, which a keypoint model needs.
+    overwrite
+        Replace files that exist.
+    """
+    from dance2pose.quantising import quantise as quantise_model
+
+    loss = quantise_model(model, video, output, detector=detector, overwrite=overwrite)
+    print(f"wrote {output}")
+    print(f"on other pictures of {video.name}: {loss}")

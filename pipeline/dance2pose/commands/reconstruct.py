@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from pathlib import Path
 
 from dance2pose import progress as progress_display
 from dance2pose.options import OutputOptions, Settings
+from dance2pose.profiling import Profile
 from dance2pose.reconstruction import Summary, reconstruct
 
 
@@ -18,17 +20,21 @@ def run(
     *,
     overwrite: bool,
     quiet: bool,
+    profiled: bool = False,
 ) -> None:
     """Reconstruct one video with progress, then say what came of it."""
     display = progress_display.for_terminal(quiet=quiet)
-    summary = reconstruct(
-        video,
-        output or default_output(video),
-        settings,
-        outputs=outputs,
-        overwrite=overwrite,
-        progress=display,
-    )
+    with Profile() as profile:
+        summary = reconstruct(
+            video,
+            output or default_output(video),
+            settings,
+            outputs=outputs,
+            overwrite=overwrite,
+            progress=display,
+        )
+    if profiled:
+        print(profile.table(summary.frames), file=sys.stderr)
     if not quiet:
         print("\n".join(summary_lines(summary)))
 

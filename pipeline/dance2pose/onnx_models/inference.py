@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from dance2pose.errors import ModelError
 from dance2pose.onnx_models import run_limits
+from dance2pose.onnx_models.providers import CPU, choose_provider, what_ran
 
 Array = npt.NDArray[Any]
 
@@ -56,10 +57,16 @@ class TensorInfo:
 
 
 class Session:
-    """A loaded ONNX model. inputs, outputs: what the graph declares; metadata: its own strings."""
+    """A loaded ONNX model.
 
-    def __init__(self, path: Path, native: Any) -> None:
+    inputs, outputs: what the graph declares; metadata: its own strings. providers: what ONNX
+    Runtime really runs it with, in order; note: what was asked for and could not be had, or None.
+    """
+
+    def __init__(self, path: Path, native: Any, note: str | None = None) -> None:
         self.path = path
+        self.note = note
+        self.providers: tuple[str, ...] = tuple(native.get_providers())
         self._native = native
         self.inputs = tuple(_tensor_info(path, node) for node in native.get_inputs())
         self.outputs = tuple(_tensor_info(path, node) for node in native.get_outputs())
@@ -99,6 +106,13 @@ class Session:
             return next((word for word in words if content.find(word.encode()) >= 0), None)
 
 
+def usable_cores() -> int:
+    """The cores that this process may use, where the system says so; else all."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return os.cpu_count() or 1
+
+
 _most_threads = 4
 
 
@@ -110,12 +124,14 @@ def limit_threads(most: int) -> None:
 
 def default_threads() -> int:
     """Threads within one operator: the cores this process may use, at most four."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(_most_threads, usable or 1))
+    return min(_most_threads, usable_cores())
 
 
-def open_session(path: Path, *, threads: int | None = None) -> Session:
-    """Load an ONNX model on the CPU. threads: within one operator, default `default_threads()`.
+def open_session(path: Path, *, threads: int | None = None, provider: str = "cpu") -> Session:
+    """Load an ONNX model. threads: within one operator, default `default_threads()`.
+
+    provider: the hardware, a name of `providers.KNOWN` or auto. Where it cannot be had the model
+    runs on the processor, and the session's `note` says so.
 
     Raises ModelError for a file that is missing, not ONNX, truncated, needs an operator that
     ONNX Runtime lacks or a file of weights that is not there.
@@ -123,19 +139,29 @@ def open_session(path: Path, *, threads: int | None = None) -> Session:
     import onnxruntime
 
     check_model_file(path)
+    choice = choose_provider(provider, onnxruntime.get_available_providers())
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads or default_threads()
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     run_limits.limit_memory(options)
     options.log_severity_level = 4  # failures arrive as exceptions; nothing is printed besides
-    try:
-        native = onnxruntime.InferenceSession(
-            str(path), sess_options=options, providers=["CPUExecutionProvider"]
+
+    def opened(providers: tuple[str, ...]) -> Any:
+        return onnxruntime.InferenceSession(
+            str(path), sess_options=options, providers=list(providers)
         )
+
+    try:
+        try:
+            native = opened(choice.providers)
+        except Exception:
+            if choice.providers == (CPU,):
+                raise
+            native = opened((CPU,))
     except Exception as error:  # ONNX Runtime's own classes share no base but Exception
         raise ModelError(_why_not_loaded(path, error)) from error
-    return Session(path, native)
+    return Session(path, native, what_ran(choice, native.get_providers()))
 
 
 def check_model_file(path: Path) -> None:

@@ -80,12 +80,16 @@ def inspect_model(path: Path, manifest: Path | None = None) -> ModelDescription:
 
 
 def open_model(
-    path: Path, *, manifest: Path | None = None, threads: int | None = None
+    path: Path,
+    *,
+    manifest: Path | None = None,
+    threads: int | None = None,
+    provider: str = "cpu",
 ) -> tuple[Session, ModelDescription]:
     """Load a model and recognise it; as `inspect_model`, with the session to run it."""
     model, manifest = _files(path, manifest)
     stated = read_manifest(manifest) if manifest else {}
-    session = open_session(model, threads=threads)
+    session = open_session(model, threads=threads, provider=provider)
     return session, _describe(session, stated, manifest)
 
 

@@ -23,6 +23,11 @@ WORLD = "/world"
 PROVENANCE = "/provenance"
 
 
+def piece_path(number: int) -> str:
+    """Where a piece of the video file lies; the frames of PICTURE refer to it."""
+    return f"/video_file/{number:04}"
+
+
 def keypoints_path(person: int) -> str:
     return f"{PICTURE}/dancer_{person}/keypoints"
 

@@ -14,27 +14,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from dance2pose.errors import OutputError, UsageError, VideoError
 from dance2pose.poses import Image
+from dance2pose.recording.pieces import pieces
 
 if TYPE_CHECKING:
-    from dance2pose.recording.quiet_rerun import rr
     from dance2pose.video import VideoInfo
 
 PictureMode = Literal["video", "frames", "none"]
-Timestamps = npt.NDArray[np.int64]
 
 # What the viewer plays, by the codec names of FFmpeg.
 _PLAYABLE_CODECS = ("h264", "hevc", "av1", "vp9")
 _DECODED_BY_THE_VIEWER = ("av1",)
 _CONTAINERS = ("mp4", "mov")
 _OLDEST_FFMPEG = (5, 1)
-# The video goes into the recording in one piece: about 4.2 times its size of memory while it is
-# written (measured, rerun 0.41), and it cannot pass 2 GiB at all.
-LARGEST_VIDEO_BYTES = 512 * 1024**2
 # H.264 and H.265 go to ffmpeg without their container, and it takes no such rate from the stream
 # (measured with rerun 0.41: 990 plays, 1000 does not). Encoders that count in milliseconds or at
 # 90 kHz write such rates into files of any real rate.
@@ -102,21 +95,12 @@ def _obstacle(info: VideoInfo, deinterlaced: bool) -> str | None:
         return f"the viewer would not undo the pixel shape {info.sample_aspect_ratio}"
     if deinterlaced or info.interlaced:
         return "the file is interlaced, and the viewer would show both fields at once"
-    if info.size_bytes > LARGEST_VIDEO_BYTES:
-        return (
-            f"the file has {info.size_bytes / 1e6:.0f} MB; a recording takes up to "
-            f"{LARGEST_VIDEO_BYTES / 1e6:.0f} MB in one piece"
-        )
     try:
-        timestamps_ns = read_video_asset(info.path).timestamps_ns
-        shown_s, stream_rate = _shown_timestamps_s(info.path, info.track)
+        for _ in pieces(info.path, info.track):
+            pass  # each is looked at as the viewer will
+        stream_rate = _stream_rate(info.path, info.track)
     except VideoError as error:
         return str(error)
-    if not _agree(timestamps_ns, shown_s):
-        return (
-            f"the viewer sees {len(timestamps_ns)} pictures where the file shows {len(shown_s)}, "
-            "or at other times (an edit list, or damage)"
-        )
     if stream_rate >= _UNPLAYABLE_RATE:
         return (
             f"its {info.codec} stream says {stream_rate:.0f} frames a second (whatever its "
@@ -142,70 +126,16 @@ def ffmpeg_plays() -> bool:
     return version is None or tuple(map(int, version.groups())) >= _OLDEST_FFMPEG
 
 
-class VideoAsset(NamedTuple):
-    """A video as the viewer plays it. timestamps_ns: (T,) of its frames, increasing."""
-
-    asset: rr.AssetVideo
-    timestamps_ns: Timestamps
-
-
-def read_video_asset(path: Path) -> VideoAsset:
-    """Open a video as the viewer will. Raises VideoError where it could not."""
-    from dance2pose.recording.quiet_rerun import rr
-
-    try:
-        # The bytes are given, not the path: Rerun takes .mov and other names for unknown.
-        asset = rr.AssetVideo(contents=path.read_bytes(), media_type="video/mp4")
-        timestamps_ns = np.sort(asset.read_frame_timestamps_nanos())
-    except OSError as error:
-        raise VideoError(f"{path}: cannot be read: {error.strerror}") from error
-    except (RuntimeError, ValueError) as error:
-        raise VideoError(f"the viewer cannot open it: {error}") from error
-    if len(timestamps_ns) == 0:
-        raise VideoError("the viewer finds no frame in it")
-    return VideoAsset(asset, timestamps_ns)
-
-
-def _shown_timestamps_s(path: Path, track: int) -> tuple[npt.NDArray[np.float64], float]:
-    """Presentation times of the pictures that a player shows, sorted, without decoding them.
-
-    And the frames a second that the coded stream itself speaks of, 0 where it does not.
-    """
+def _stream_rate(path: Path, track: int) -> float:
+    """The frames a second that the coded stream itself speaks of, 0 where it does not."""
     import av
 
     try:
         with av.open(str(path)) as container:
             stream = next(s for s in container.streams.video if s.index == track)
-            rate = float(stream.codec_context.framerate or 0)
-            times = [
-                float(packet.pts * packet.time_base)
-                for packet in container.demux(stream)
-                if packet.pts is not None and not packet.is_discard
-            ]
+            return float(stream.codec_context.framerate or 0)
     except (av.FFmpegError, StopIteration) as error:
-        raise VideoError(f"{path}: its timestamps cannot be read: {error}") from error
-    return np.sort(np.array(times)), rate
-
-
-def _agree(timestamps_ns: Timestamps, shown_s: npt.NDArray[np.float64]) -> bool:
-    """Whether both lists have the same frames, but for one offset common to all."""
-    if len(timestamps_ns) != len(shown_s):
-        return False
-    theirs = (timestamps_ns - timestamps_ns[0]) / 1e9
-    return bool(np.abs(theirs - (shown_s - shown_s[0])).max() < 1e-3)
-
-
-def viewer_timestamps_ns(timestamps_ns: Timestamps, time_s: npt.NDArray[np.float64]) -> Timestamps:
-    """The viewer's timestamps, from (T,) `timestamps_ns`, of frames (N,) at `time_s`.
-
-    Frame time counts from the first frame of the video; what the viewer counts from differs.
-    """
-    wanted = np.round(np.asarray(time_s) * 1e9).astype(np.int64) + timestamps_ns[0]
-    after = np.searchsorted(timestamps_ns, wanted).clip(0, len(timestamps_ns) - 1)
-    before = np.maximum(after - 1, 0)
-    nearer = wanted - timestamps_ns[before] <= timestamps_ns[after] - wanted
-    nearest: Timestamps = timestamps_ns[np.where(nearer, before, after)]
-    return nearest
+        raise VideoError(f"{path}: cannot be opened again: {error}") from error
 
 
 def encode_jpeg(image: Image) -> bytes:

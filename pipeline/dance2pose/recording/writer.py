@@ -20,18 +20,22 @@ from dance2pose.errors import OutputError
 from dance2pose.output_files import written_whole
 from dance2pose.poses import Dancer, Frame, Timeline
 from dance2pose.provenance import Provenance
-from dance2pose.recording.entities import PICTURE, PROVENANCE, Clock, send_dancer
+from dance2pose.recording.entities import (
+    PICTURE,
+    PROVENANCE,
+    Clock,
+    piece_path,
+    send_dancer,
+)
 from dance2pose.recording.file import is_whole
 from dance2pose.recording.layout import blueprint
 from dance2pose.recording.picture import (
     PictureChoice,
     PictureMode,
-    Timestamps,
     choose_picture,
     encode_jpeg,
-    read_video_asset,
-    viewer_timestamps_ns,
 )
+from dance2pose.recording.pieces import References, pieces
 from dance2pose.recording.placement import place
 from dance2pose.recording.quiet_rerun import rr
 from dance2pose.recording.stream import open_stream
@@ -79,12 +83,11 @@ class RecordingWriter:
         self._frames: list[int] = []
         self._times: list[float] = []
         self._pictures: list[bytes] = []
-        self._timestamps_ns: Timestamps | None = None
+        self._references = References()
         self._written = False
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            video = read_video_asset(self._video.path) if self._picture == "video" else None
             temporary = stack.enter_context(written_whole(self._path, overwrite=self._overwrite))
             self._temporary = temporary
             # Else Rerun would leave out what it cannot record, with no more than a warning.
@@ -97,10 +100,8 @@ class RecordingWriter:
             )
             self._stream = self._file.rerun
             self._stream.send_recording_name(self._video.path.name)
-            if video is not None:
-                self._stream.log(PICTURE, video.asset, static=True)
-                self._timestamps_ns = video.timestamps_ns
-                self._file.flush()
+            if self._picture == "video":
+                self._send_video()
             self._exit = stack.pop_all()
         return self
 
@@ -148,9 +149,8 @@ class RecordingWriter:
         self._send_pictures()
         clock = Clock(timeline.frame, timeline.time_s)
         placement = place(dancers)
-        if self._timestamps_ns is not None and len(clock.frame):
-            references = viewer_timestamps_ns(self._timestamps_ns, clock.time_s)
-            self._send(clock, rr.VideoFrameReference.columns_nanos(references))
+        if len(self._references) and len(clock.frame):
+            self._send(clock, self._video_references(clock))
         send_style(self._stream, dancers, placement)
         for dancer in dancers:
             send_dancer(self._stream, dancer, clock)
@@ -164,6 +164,20 @@ class RecordingWriter:
         size = (self._video.width, self._video.height)
         self._stream.send_blueprint(blueprint(dancers, placement, size))
         self._written = True
+
+    def _send_video(self) -> None:
+        """The file, piece by piece: no more than one is held."""
+        for number, piece in enumerate(pieces(self._video.path, self._video.track)):
+            self._references.add(piece)
+            self._stream.log(piece_path(number), piece.asset, static=True)
+            self._file.flush()
+
+    def _video_references(self, clock: Clock) -> rr.ComponentColumnList:
+        number, timestamps_ns = self._references.of(clock.time_s)
+        return rr.VideoFrameReference.columns(
+            timestamp=timestamps_ns,
+            video_reference=[piece_path(n) for n in number],
+        )
 
     def _send_pictures(self) -> None:
         if not self._pictures:

@@ -14,13 +14,14 @@ from av.video.frame import VideoFrame
 
 from dance2pose.errors import UsageError, VideoError
 from dance2pose.poses import Frame
+from dance2pose.profiling import stage_of_each
 from dance2pose.video.announced import tagged_length_s
 from dance2pose.video.background import Background
 from dance2pose.video.clock import make_clock
 from dance2pose.video.deinterlace import Deinterlacer, Timed
 from dance2pose.video.info import VideoInfo, describe
 from dance2pose.video.interlacing import find_interlacing
-from dance2pose.video.picture import PictureMaker, orientation
+from dance2pose.video.picture import Orientation, PictureMaker, orientation
 from dance2pose.video.pixel_shape import PixelShapes
 from dance2pose.video.seeking import LEAST_SKIP_S, find_entry
 from dance2pose.video.source import MAX_PIXELS, Source
@@ -155,7 +156,7 @@ class FrameReader:
     def __iter__(self) -> Iterator[Frame]:
         if self._background is not None:
             raise RuntimeError("a video is read once; open it again")
-        self._background = Background(self._frames())
+        self._background = Background(stage_of_each("decode", self._frames()))
         for frame in self._background:
             self.frames_read += 1
             yield frame
@@ -185,12 +186,16 @@ class FrameReader:
             )
 
     def _timed(self) -> Iterator[Timed]:
-        for index, picture in self._pictures:
+        turned = Orientation()
+        for number, (index, picture) in enumerate(self._pictures):
             time_s = self._clock.read(picture)
             if time_s >= self._end_s:
                 return
-            aspect = self._shapes.of(picture)
-            yield Timed(index, time_s, picture, orientation(picture), aspect)
+            if number == 0 or picture.key_frame:
+                # Not of every picture: one whose side data was looked at holds itself in a circle
+                # (PyAV 18) and stays in memory until Python looks for such circles.
+                turned = orientation(picture)
+            yield Timed(index, time_s, picture, turned, self._shapes.of(picture))
 
     def _progressive(self) -> Iterator[Timed]:
         if self._deinterlacer is None:
