@@ -11,14 +11,15 @@ ROOT = Path(__file__).resolve().parents[1] / "pipeline" / "dance2pose"
 
 # From the ground up: a room imports from its own floor's files and from floors below it only.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("errors", "assets", "progress"),
+    ("errors", "assets", "progress", "profiling", "large_blocks"),
     ("viewpoint", "poses", "options", "output_files", "leftovers", "holes"),
     ("skeleton_tables",),
     ("skeleton", "npz_files", "body", "settings_file", "tables"),
     ("body_file", "body_variation"),
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
-    ("people", "results", "reading", "findings", "background_motion"),
+    ("following",),
+    ("people", "results", "reading", "findings", "background_motion", "quantising"),
     ("phrases", "even_rate", "comparison", "recording"),
     ("outputs",),
     ("export",),
