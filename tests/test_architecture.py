@@ -20,6 +20,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
     ("following",),
     ("people", "results", "reading", "findings", "background_motion", "quantising"),
+    ("video_tracks", "summary"),
     ("phrases", "even_rate", "comparison", "recording"),
     ("outputs",),
     ("export",),

@@ -16,7 +16,8 @@ import pytest
 from dance2pose.errors import Dance2PoseError, ModelError, OutputError, UsageError, VideoError
 from dance2pose.exchange import read_poses, read_track
 from dance2pose.options import OutputOptions, Settings
-from dance2pose.reconstruction import Summary, reconstruct
+from dance2pose.reconstruction import reconstruct
+from dance2pose.summary import Summary
 from video_making import numbered_video
 
 pytestmark = pytest.mark.shared

@@ -21,8 +21,9 @@ from dance2pose.npz_files import read_arrays
 from dance2pose.options import OutputOptions, Settings
 from dance2pose.poses import FloatArray, Track2D, Track3D
 from dance2pose.progress import Progress
-from dance2pose.reconstruction import Summary, reconstruct
+from dance2pose.reconstruction import reconstruct
 from dance2pose.skeleton import get
+from dance2pose.summary import Summary
 
 CLIP, TRUTH = "demo_clip.mp4", "demo_truth.npz"
 DETECTOR, POSE = "demo_detector.onnx", "demo_pose.onnx"

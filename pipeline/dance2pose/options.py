@@ -83,6 +83,8 @@ class LiftOptions:
     fov_deg: float | None = None
     """Field of view across the longer side of the picture in degrees, for the perspective camera;
     assumed if not given."""
+    body: Path | None = None
+    """Bone lengths of the dancers, as an earlier run wrote them with --write-body."""
 
     def __post_init__(self) -> None:
         check_choices(self)
@@ -92,6 +94,10 @@ class LiftOptions:
             not (self.lifter == "paper" and self.camera == "perspective"),
             "the paper's lifter knows no perspective camera; take camera weak-perspective, or "
             "the default lifter",
+        )
+        require(
+            not (self.body is not None and self.lifter == "paper"),
+            "the paper's lifter has bone lengths of its own; a body file is for the default lifter",
         )
         require(
             not (self.fov_deg is not None and self.camera_model == "weak-perspective"),
@@ -211,6 +217,8 @@ class OutputOptions:
     """Also write the poses as OUT.npz and the keypoints as OUT.track.npz."""
     export: str = ""
     """Further forms of the poses, by their suffixes: bvh,csv writes OUT.bvh and OUT.csv."""
+    write_body: bool = False
+    """Also write the dancers' bone lengths as OUT.body.toml, for other runs to start from."""
 
     def __post_init__(self) -> None:
         check_choices(self)

@@ -24,7 +24,7 @@ _LOOKED_AT_BYTES = 1 << 18
 # The poses of the first version hold no mark; they hold these arrays.
 _FIRST_VERSION = (b"skeleton.npy", b"joints.npy", b"time_s.npy")
 # Suffixes of two parts that belong together.
-_TWO_PARTS = (".track.npz", ".long.csv", ".keypoints.csv", ".phrases.csv")
+_TWO_PARTS = (".track.npz", ".body.toml", ".long.csv", ".keypoints.csv", ".phrases.csv")
 _PER_DANCER = re.compile(r"\.dancer_\d+")
 
 

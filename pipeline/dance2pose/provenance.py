@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 Value = str | int | float | bool
 
+# Options that name the models, which count by what they are; and those that change no result.
+_MODEL_OPTIONS = ("detector", "pose")
+_SPEED_ALONE = ("threads", "batch")
+
 # Distributions whose version can change a result.
 _LIBRARIES = (
     "numpy",
@@ -159,11 +163,18 @@ def _sha256(path: Path, size: int, changed_ns: int) -> str:
 def identity_of(video: VideoInfo, models: Sequence[Any], settings: object) -> str:
     """A name for what a run is made of: the same wherever the same work is done.
 
-    Files count by their content and not by their names: the video, and every model with the
-    manifest that says how it is read (`recognition.ModelDescription`).
+    Files count by their content and not by their names: the video, every model with the manifest
+    that says how it is read (`recognition.ModelDescription`), a body. What changes the speed alone
+    does not count.
     """
+    options = {
+        name: value
+        for name, value in flat(settings).items()
+        if name not in (*_MODEL_OPTIONS, *_SPEED_ALONE)
+    }
     content = {
-        name: str(value) for name, value in flat(settings).items() if not isinstance(value, Path)
+        name: file_sha256(value) if isinstance(value, Path) else str(value)
+        for name, value in options.items()
     }
     read = [(model.sha256, repr(model.manifest)) for model in models]
     text = json.dumps([__version__, file_sha256(video.path), read, content], sort_keys=True)

@@ -6,32 +6,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dance2pose import smoothing
-from dance2pose.background_motion import CameraMotionEstimator
+from dance2pose.body import Body
 from dance2pose.errors import VideoError
 from dance2pose.findings import find
-from dance2pose.lifting.lift import describe_camera, lift_all
+from dance2pose.lifting.lift import describe_camera, known_bodies, lift_with_bodies
 from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.onnx_models.answers import losses
 from dance2pose.options import OutputOptions, Settings, combined
-from dance2pose.people import PoseModels, find_people, load_models
-from dance2pose.poses import Dancer, Frame, Timeline, Track2D
+from dance2pose.people import PoseModels, load_models
+from dance2pose.poses import Dancer, Track2D
 from dance2pose.profiling import stage
 from dance2pose.progress import Progress, Silent
 from dance2pose.provenance import describe_run, file_sha256, identity_of
-from dance2pose.results import Result, Shot, Source
+from dance2pose.results import Result, Source
 from dance2pose.saving import open_recording, plan_run, save, write_beside
-from dance2pose.tracking.tracker import Tracker, TrackingSettings
+from dance2pose.summary import Summary, summarise
 from dance2pose.video import FrameReader, open_video
-
-FrameListener = Callable[[Frame], None]
+from dance2pose.video_tracks import FrameListener, track_people
 
 
 class Reconstruction(Result):
@@ -80,28 +76,6 @@ class Reconstruction(Result):
             For what the file system refuses; then nothing was written.
         """
         return save(self, Path(path), combined(OutputOptions, None, options), overwrite=overwrite)
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What came of a run, for the person at the terminal and for a batch's ledger."""
-
-    files: tuple[Path, ...]
-    dancers: int
-    frames: int
-    frames_with_pose: int
-    shares: tuple[float, ...]
-    mean_confidence: float
-    share_invalid_bones: float
-    notes: tuple[str, ...]
-
-    @property
-    def recording(self) -> Path:
-        return self.files[0]
-
-    @property
-    def share_with_pose(self) -> float:
-        return self.frames_with_pose / self.frames if self.frames else 0.0
 
 
 def analyse(
@@ -191,7 +165,7 @@ def reconstruct(
     """
     settings, outputs = combined(Settings, settings, options), outputs or OutputOptions()
     progress = progress or Silent()
-    inputs = (Path(video), settings.detector, settings.pose)
+    inputs = (Path(video), settings.detector, settings.pose, settings.lift.body)
     plan = plan_run(Path(output), outputs, inputs=inputs, overwrite=overwrite)
     with _opened(Path(video), settings) as frames:
         models = models or load_models(settings)
@@ -230,9 +204,10 @@ def _analyse(
     on_frame: FrameListener | None,
     progress: Progress,
 ) -> Reconstruction:
+    bodies = known_bodies(settings.lift)  # a file that is none is found before any work
     for note in models.notes:
         progress.say(f"note: {note}")
-    followed = _follow(frames, models, settings, on_frame, progress)
+    followed = track_people(frames, models, settings, on_frame, progress)
     lost = losses(models.accounts, first_time_s=float(followed.timeline.time_s[0]))
     tracks = followed.tracker.finish(settings.person)
     if not tracks:
@@ -242,7 +217,7 @@ def _analyse(
             "--min-confidence counts less sure ones too"
         )
     progress.say(f"lifting {len(tracks)} dancer{'s' if len(tracks) > 1 else ''} to 3D")
-    dancers = to_3d(tracks, settings, followed.motion)
+    dancers, found_bodies = to_3d(tracks, settings, bodies, followed.motion)
     source = Source(
         frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
     )
@@ -264,108 +239,32 @@ def _analyse(
         },
         warnings=findings,
     )
-    return Reconstruction(source, followed.shots, tuple(dancers), provenance, findings)
-
-
-@dataclass(frozen=True)
-class _Followed:
-    """The people of a video, joined into tracks, the frames in which they were looked for, and how
-    the camera moved."""
-
-    tracker: Tracker
-    timeline: Timeline
-    shots: tuple[Shot, ...]
-    motion: CameraMotion
-
-
-def _follow(
-    frames: FrameReader,
-    models: PoseModels,
-    settings: Settings,
-    on_frame: FrameListener | None,
-    progress: Progress,
-) -> _Followed:
-    """Read the video once: people and keypoints of every frame, joined into tracks."""
-    tracking = TrackingSettings()
-    if settings.min_confidence is not None:
-        tracking = replace(tracking, min_confidence=settings.min_confidence)
-    tracker = Tracker(models.skeleton, frames.info.size, tracking)
-    camera = CameraMotionEstimator(frames.info.size, settings.lift.fov_deg)
-    seen: list[tuple[int, float]] = []
-    starts: list[int] = []
-    found = find_people(frames, models, settings.speed)
-    for people in progress.track(
-        found, "detecting and estimating", total=frames.expected_frames, unit="frame"
-    ):
-        frame = people.frame
-        if people.cut or not starts:
-            starts.append(len(seen))
-        seen.append((frame.index, frame.time_s))
-        with stage("tracking"):
-            tracker.update(
-                frame.index,
-                frame.time_s,
-                people.boxes,
-                people.poses,
-                cut=people.cut,
-                image=frame.image,
-            )
-        with stage("camera motion"):
-            camera.update(frame, people.boxes.xyxy, cut=people.cut)
-        if on_frame is not None:
-            with stage("recording"):
-                on_frame(frame)
-    indices = np.array([index for index, _ in seen], np.int64)
-    timeline = Timeline(indices, np.array([time for _, time in seen], np.float64))
-    ends = [*starts[1:], len(seen)]
-    return _Followed(
-        tracker,
-        timeline,
-        tuple(
-            Shot(number, int(indices[start]), int(indices[end - 1]))
-            for number, (start, end) in enumerate(zip(starts, ends, strict=False))
-        ),
-        camera.finish(),
+    return Reconstruction(
+        source, followed.shots, tuple(dancers), provenance, findings, found_bodies
     )
 
 
 def to_3d(
-    tracks: Sequence[Track2D], settings: Settings, motion: CameraMotion | None = None
-) -> list[Dancer]:
-    """Lift the dancers' keypoints and smooth the joints over time."""
+    tracks: Sequence[Track2D],
+    settings: Settings,
+    bodies: Mapping[str, Body] | None,
+    motion: CameraMotion,
+) -> tuple[list[Dancer], dict[str, Body]]:
+    """Lift the dancers' keypoints and smooth the joints over time.
+
+    bodies: bone lengths known before. Returns the dancers, and the bone lengths found, by number.
+    """
     with stage("lifting"):
-        lifted = lift_all(tracks, settings.lift, motion=motion)
+        lifted, found = lift_with_bodies(tracks, settings.lift, bodies=bodies, motion=motion)
     model, window = settings.smooth.model_after(settings.lift.lifter), settings.smooth.window
-    return [
-        Dancer(
-            track,
-            raw,
-            raw if model == "none" else smoothing.smooth_track(raw, model=model, window=window),
-        )
-        for track, raw in zip(tracks, lifted, strict=True)
-    ]
-
-
-def summarise(result: Result, files: Sequence[Path], notes: Sequence[str] = ()) -> Summary:
-    """The figures of a result, as a person reads them at the end of a run."""
-    frames = len(result.source.timeline)
-    seen: set[int] = set()
-    shares = []
-    for dancer in result.dancers:
-        has_pose = ~np.isnan(dancer.keypoints.xy).all(axis=(1, 2))
-        seen.update(dancer.keypoints.frame[has_pose].tolist())
-        shares.append(float(has_pose.sum()) / frames)
-    tracks = [dancer.keypoints for dancer in result.dancers]
-    confidence = np.concatenate([t.confidence[~np.isnan(t.xy).any(axis=2)] for t in tracks])
-    raw = [dancer.raw for dancer in result.dancers]
-    valid = np.concatenate([r.valid[~np.isnan(r.xyz).all(axis=(1, 2))].ravel() for r in raw])
-    return Summary(
-        files=tuple(files),
-        dancers=len(tracks),
-        frames=frames,
-        frames_with_pose=len(seen),
-        shares=tuple(shares),
-        mean_confidence=float(confidence.mean()) if confidence.size else float("nan"),
-        share_invalid_bones=float(1 - valid.mean()) if valid.size else float("nan"),
-        notes=(*result.findings, *notes),
-    )
+    with stage("smoothing"):
+        dancers = [
+            Dancer(track, raw, smoothing.smooth_track(raw, model=model, window=window))
+            for track, raw in zip(tracks, lifted, strict=True)
+        ]
+    by_number = {
+        str(track.person): body
+        for track, body in zip(tracks, found, strict=True)
+        if body is not None
+    }
+    return dancers, by_number

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dance2pose.body import Body
 from dance2pose.poses import Dancer, Timeline
 from dance2pose.provenance import Provenance
 from dance2pose.video import VideoInfo
@@ -50,7 +51,8 @@ class Result:
     """All that is known of a video after its analysis.
 
     shots: in order. dancers: the people asked for, by number. provenance: source, models,
-    settings and what was done. findings: what a reader must know before use, in sentences.
+    settings and what was done. findings: what a reader must know before use, in sentences. bodies:
+    the bone lengths that were found, by the dancers' numbers.
     """
 
     source: Source
@@ -58,6 +60,7 @@ class Result:
     dancers: tuple[Dancer, ...]
     provenance: Provenance
     findings: tuple[str, ...] = ()
+    bodies: Mapping[str, Body] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         people = f"{len(self.dancers)} dancer" + ("s" if len(self.dancers) != 1 else "")

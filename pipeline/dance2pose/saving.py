@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from dance2pose import exchange, export
+from dance2pose.body_file import write_bodies
 from dance2pose.options import OutputOptions
 from dance2pose.outputs import OutputPlan, Staged, plan_outputs
 from dance2pose.poses import Dancer, Frame
@@ -17,7 +18,7 @@ from dance2pose.recording.writer import RecordingWriter
 from dance2pose.results import Result, Source
 from dance2pose.video import VideoInfo, open_video
 
-RECORDING, POSES, KEYPOINTS = ".rrd", ".npz", ".track.npz"
+RECORDING, POSES, KEYPOINTS, BODY = ".rrd", ".npz", ".track.npz", ".body.toml"
 
 
 def plan_run(
@@ -29,6 +30,7 @@ def plan_run(
 ) -> OutputPlan:
     """Plan the files of `reconstruct`: the recording, and what stands beside it."""
     beside = [POSES, KEYPOINTS] if options.npz else []
+    beside += [BODY] if options.write_body else []
     return plan_outputs(
         output,
         kinds=(RECORDING,),
@@ -65,6 +67,8 @@ def write_beside(result: Result, plan: OutputPlan, staged: Staged) -> tuple[str,
     that they cannot say."""
     if POSES in plan.beside:
         _write_npz(result, plan, staged)
+    if BODY in plan.beside:
+        write_bodies(staged.path(plan.name(BODY)), result.bodies, overwrite=True)
     notes: list[str] = []
     scene = export.scene_of(result)
     for suffix in plan.beside:

@@ -9,7 +9,8 @@ from pathlib import Path
 from dance2pose import progress as progress_display
 from dance2pose.options import OutputOptions, Settings
 from dance2pose.profiling import Profile
-from dance2pose.reconstruction import Summary, reconstruct
+from dance2pose.reconstruction import reconstruct
+from dance2pose.summary import Summary
 
 
 def run(

@@ -10,7 +10,7 @@ import numpy as np
 
 from dance2pose import skeleton as skeletons
 from dance2pose.body import BODY_HEIGHT_MM, Body
-from dance2pose.body_file import body_for
+from dance2pose.body_file import body_for, read_bodies
 from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting.implausible import implausible
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
@@ -71,6 +71,11 @@ def lift(
     return lift_all([track], options, independent=independent, **named)[0]
 
 
+def known_bodies(options: LiftOptions) -> dict[str, Body] | None:
+    """The bodies that the options name a file of. Raises DataError where it is none."""
+    return None if options.body is None else read_bodies(options.body)
+
+
 def lift_all(
     tracks: Sequence[Track2D],
     options: LiftOptions | None = None,
@@ -107,6 +112,7 @@ def lift_with_bodies(
     """As `lift_all`, and the bone lengths found for each track, None where the lifter finds none:
     in unrelated pictures, and with the paper's lifter."""
     options = combined(LiftOptions, options, named)
+    bodies = known_bodies(options) if bodies is None else bodies
     found, found_bodies = _lift_each(tracks, options, independent, bodies, motion)
     if independent:  # every picture has a camera of its own
         return found, found_bodies
