@@ -181,7 +181,7 @@ def main() -> None:
         few.mkdir()
         for path in itertools.islice(sorted(part.iterdir()), 40):
             path.rename(few / path.name)
-        speeds = {}
+        speeds: dict[int, list[float]] = {}
         for workers in (1, 2, 1, 2):
             with fresh(folder / "c") as archive:
                 _, seconds, _ = measure(few, archive, "stub_that_computes", workers, places=False)

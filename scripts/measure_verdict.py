@@ -40,25 +40,21 @@ FRAMES = 180
 
 def degradations() -> dict[str, Change]:
     """What can be the matter with keypoints, by name."""
-    changes: dict[str, Change] = {"as it is": lambda scene, rng: (scene, 0.9)}
-    for sigma in (10, 25, 50, 100):
-        changes[f"noise {sigma} mm"] = lambda scene, rng, s=sigma: (
-            with_noise(scene, rng, sigma_mm=s),
-            0.9 - 0.005 * s,
-        )
-    for share in (0.2, 0.5):
-        changes[f"missing {share:.0%}"] = lambda scene, rng, s=share: (
-            with_missing(scene, rng, share=s),
-            0.85,
-        )
-    for share in (0.1, 0.4):
-        changes[f"sides exchanged {share:.0%}"] = lambda scene, rng, s=share: (
-            exchanged(scene, rng, s),
-            0.85,
-        )
-    changes["limbs that drift 150 mm"] = lambda scene, rng: (drifting(scene, rng, 150.0), 0.7)
-    changes["seen half of the time"] = lambda scene, rng: (unseen(scene, rng), 0.85)
-    return changes
+
+    def seen_as(confidence: float, change: Callable[..., Scene], **how: float) -> Change:
+        return lambda scene, rng: (change(scene, rng, **how), confidence)
+
+    return {
+        "as it is": lambda scene, rng: (scene, 0.9),
+        **{
+            f"noise {sigma} mm": seen_as(0.9 - 0.005 * sigma, with_noise, sigma_mm=sigma)
+            for sigma in (10, 25, 50, 100)
+        },
+        **{f"missing {s:.0%}": seen_as(0.85, with_missing, share=s) for s in (0.2, 0.5)},
+        **{f"sides exchanged {s:.0%}": seen_as(0.85, exchanged, share=s) for s in (0.1, 0.4)},
+        "limbs that drift 150 mm": seen_as(0.7, drifting, sigma_mm=150.0),
+        "seen half of the time": seen_as(0.85, unseen),
+    }
 
 
 def exchanged(scene: Scene, rng: np.random.Generator, share: float) -> Scene:
