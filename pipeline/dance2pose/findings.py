@@ -96,9 +96,10 @@ def _sudden_turns(track: Track3D) -> Iterator[str]:
     if len(track) < 2:
         return
     turned = turns_deg(track.xyz, track.timeline, track.skeleton)
+    turned[track.estimated[1:, 1:] & track.estimated[:-1, 1:]] = np.nan  # nobody saw them turn
     sudden = np.nan_to_num(turned) > SUDDEN_TURN_DEG
     if sudden.any():
-        row, bone = np.unravel_index(int(np.nanargmax(turned)), turned.shape)
+        row, bone = np.unravel_index(int(np.nan_to_num(turned).argmax()), turned.shape)
         joint = get(track.skeleton).joints[int(bone) + 1]
         yield (
             f"{int(sudden.any(axis=1).sum())} sudden turns of more than {SUDDEN_TURN_DEG:g} "
