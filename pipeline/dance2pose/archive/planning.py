@@ -66,7 +66,7 @@ class Planner:
         self._known: dict[tuple[Path, tuple[tuple[str, str], ...]], bool] = {}
         self.plan = Plan()
 
-    def look(self, entries: Sequence[Entry]) -> Plan:
+    def planned(self, entries: Sequence[Entry]) -> Plan:
         """Enter every video, each content once, and decide which are to be done.
 
         Raises UsageError for a row whose settings are wrong, before anything is changed.

@@ -239,7 +239,7 @@ def measure(
         filled_share=sum(int(t.interpolated.sum()) for t in keypoints) / rows,
         reprojection=_over(np.median, relative),
         invalid_bones=None if (valid := _over(np.mean, lifted)) is None else 1 - valid,
-        jitter=_over(np.median, [_wobble(p) / s for p, s in zip(poses, scales, strict=True)]),
+        jitter=_over(np.median, [_jitter(p) / s for p, s in zip(poses, scales, strict=True)]),
         sudden_turns=1000 * sum(map(_sudden_turns, poses)) / rows,
         switches=1000 * sum(map(_jumps, keypoints, heights)) / rows,
         cuts=max(0, shots - 1),
@@ -269,7 +269,7 @@ def _follows(time_s: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     return np.asarray(np.diff(time_s) <= _NEXT_S)
 
 
-def _wobble(pose: Track3D) -> npt.NDArray[np.float64]:
+def _jitter(pose: Track3D) -> npt.NDArray[np.float64]:
     """(n,) distances of joints from the middle of their places in the frames beside."""
     if len(pose) < 3:
         return np.empty(0)

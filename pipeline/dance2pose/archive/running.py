@@ -54,7 +54,7 @@ def run_batch(
     with locked(place):
         sweep(place)
         with contextlib.closing(open_ledger(place, progress)) as ledger:
-            plan = Planner(ledger, recipe, progress).look(entries)
+            plan = Planner(ledger, recipe, progress).planned(entries)
             for line in plan.lines():
                 progress.say(line)
             batch = Batch(
@@ -89,7 +89,7 @@ def look_only(source: Path, archive: Path, recipe: Recipe, progress: Progress) -
         existing = open_archive(archive).ledger
         if existing.exists():
             ledger.copy_from(existing)
-    plan = Planner(ledger, recipe, progress).look(entries)
+    plan = Planner(ledger, recipe, progress).planned(entries)
     for line in plan.lines():
         progress.say(line)
     return ledger

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from dance2pose.comparison import Comparison
-from dance2pose.poses import FloatArray
-from dance2pose.recording.entities import Clock
+from dance2pose.poses import FloatArray, Timeline
+from dance2pose.recording.entities import time_columns
 from dance2pose.recording.placement import SPACING
 from dance2pose.recording.quiet_rerun import rr, rrb
 from dance2pose.recording.stream import open_stream
@@ -29,16 +29,16 @@ def write_compared(
     with open_stream(path, application_id=APPLICATION_ID, recording_id=recording_id) as file:
         stream = file.rerun
         stream.send_recording_name(" and ".join(names))
-        clock = Clock(found.frame, found.time_s)
+        timeline = Timeline(found.frame, found.time_s)
         _send_style(stream, found, names)
         for place in ("a", "over/a"):
-            _send_joints(stream, f"{_WORLD}/{place}", clock, found.a)
+            _send_joints(stream, f"{_WORLD}/{place}", timeline, found.a)
         for place in ("b", "over/b"):
-            _send_joints(stream, f"{_WORLD}/{place}", clock, found.b)
-        _send_gaps(stream, clock, found)
+            _send_joints(stream, f"{_WORLD}/{place}", timeline, found.b)
+        _send_gaps(stream, timeline, found)
         for name, values in _curves(found).items():
             columns = rr.Scalars.columns(scalars=values)
-            rr.send_columns(f"{_PLOTS}/{name}", clock.columns(), columns, recording=stream)
+            rr.send_columns(f"{_PLOTS}/{name}", time_columns(timeline), columns, recording=stream)
         text = rr.TextDocument(table, media_type=rr.MediaType.MARKDOWN)
         stream.log(_TABLE, text, static=True)
         stream.send_blueprint(_blueprint(found, names))
@@ -91,19 +91,25 @@ def _floor(found: Comparison) -> float:
     return -float(np.percentile(heights, 0.5)) if heights.size else 0.0
 
 
-def _send_joints(stream: rr.RecordingStream, path: str, clock: Clock, xyz: FloatArray) -> None:
+def _send_joints(
+    stream: rr.RecordingStream, path: str, timeline: Timeline, xyz: FloatArray
+) -> None:
     frames, joints = xyz.shape[:2]
     columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3).astype(np.float32))
-    rr.send_columns(path, clock.columns(), columns.partition([joints] * frames), recording=stream)
+    rr.send_columns(
+        path, time_columns(timeline), columns.partition([joints] * frames), recording=stream
+    )
 
 
-def _send_gaps(stream: rr.RecordingStream, clock: Clock, found: Comparison) -> None:
+def _send_gaps(stream: rr.RecordingStream, timeline: Timeline, found: Comparison) -> None:
     """A line from every joint to where the other performance has it."""
     pairs = np.stack([found.a, found.b], axis=2).astype(np.float32)
     known = ~np.isnan(pairs).any(axis=(2, 3))
     columns = rr.LineStrips3D.columns(strips=pairs[known])
     path = f"{_WORLD}/over/difference"
-    rr.send_columns(path, clock.columns(), columns.partition(known.sum(axis=1)), recording=stream)
+    rr.send_columns(
+        path, time_columns(timeline), columns.partition(known.sum(axis=1)), recording=stream
+    )
 
 
 def _curves(found: Comparison) -> dict[str, FloatArray]:

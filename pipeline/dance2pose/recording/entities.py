@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from dance2pose.poses import Dancer, FloatArray, IntArray, Track2D, Track3D
+from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D
 from dance2pose.recording.overlays import drawn_over_picture, known_joints, send_columns_of
 from dance2pose.recording.placement import positions
 from dance2pose.recording.plots import angle_curves, trust_curves
@@ -64,58 +63,52 @@ def plots_path(person: int) -> str:
     return f"/plots/dancer_{person}"
 
 
-@dataclass(frozen=True)
-class Clock:
-    """Frames and their times. frame: (T,) indices; time_s: (T,) presentation times."""
+def time_columns(timeline: Timeline) -> list[rr.TimeColumn]:
+    """Both timelines of the recording."""
+    return [
+        rr.TimeColumn("frame", sequence=timeline.frame),
+        rr.TimeColumn("video_time", duration=timeline.time_s),
+    ]
 
-    frame: IntArray
-    time_s: npt.NDArray[np.float64]
 
-    def columns(self) -> list[rr.TimeColumn]:
-        """Both timelines of the recording."""
-        return [
-            rr.TimeColumn("frame", sequence=self.frame),
-            rr.TimeColumn("video_time", duration=self.time_s),
-        ]
-
-    def after(self, frame: int) -> Clock:
-        """The first frame after `frame`; empty where it was the last."""
-        later = np.searchsorted(self.frame, frame, side="right")
-        return Clock(self.frame[later : later + 1], self.time_s[later : later + 1])
+def _first_after(timeline: Timeline, frame: int) -> Timeline:
+    """The first frame after `frame`; empty where it was the last."""
+    later = int(np.searchsorted(timeline.frame, frame, side="right"))
+    return Timeline(timeline.frame[later : later + 1], timeline.time_s[later : later + 1])
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Where and when one dancer's rows go: `clock` are the frames of the dancer's track, and
+    """Where and when one dancer's rows go: `timeline` are the frames of the dancer's track, and
     `end` is the first frame after it, if any."""
 
     stream: rr.RecordingStream
-    clock: Clock
-    end: Clock
+    timeline: Timeline
+    end: Timeline
 
     def send(self, path: str, columns: rr.ComponentColumnList) -> None:
-        rr.send_columns(path, self.clock.columns(), columns, recording=self.stream)
+        rr.send_columns(path, time_columns(self.timeline), columns, recording=self.stream)
 
     def send_all(self, path: str, columns: rr.ComponentColumnList) -> None:
         """As `send`, and nothing at the end."""
         self.send(path, columns)
         if len(self.end.frame):
             gone = rr.Clear.columns(is_recursive=[False])
-            rr.send_columns(path, self.end.columns(), gone, recording=self.stream)
+            rr.send_columns(path, time_columns(self.end), gone, recording=self.stream)
 
-    def take_off(self, path: str, columns: rr.ComponentColumnList) -> None:
+    def clear(self, path: str, columns: rr.ComponentColumnList) -> None:
         """Send `columns`, one row of nothing, for the end: the viewer would go on showing the
         last value that it knows."""
         if len(self.end.frame):
-            rr.send_columns(path, self.end.columns(), columns, recording=self.stream)
+            rr.send_columns(path, time_columns(self.end), columns, recording=self.stream)
 
 
-def send_dancer(stream: rr.RecordingStream, dancer: Dancer, clock: Clock) -> None:
-    """Everything of one dancer that changes over time. clock: all processed frames."""
+def send_dancer(stream: rr.RecordingStream, dancer: Dancer, timeline: Timeline) -> None:
+    """Everything of one dancer that changes over time. timeline: every processed frame."""
     track, person = dancer.keypoints, dancer.person
     if not len(track):
         return
-    rows = _Rows(stream, Clock(track.frame, track.time_s), clock.after(int(track.frame[-1])))
+    rows = _Rows(stream, track.timeline, _first_after(timeline, int(track.frame[-1])))
     _send_keypoints(rows, track)
     _send_boxes(rows, track)
     _send_projected(rows, dancer)
@@ -149,7 +142,7 @@ def _send_points(rows: _Rows, path: str, points: FloatArray) -> None:
     xy = points.reshape(-1, 2).astype(np.float32)
     rows.send(path, rr.Points2D.columns(positions=xy).partition([keypoints] * frames))
     gone = np.full((keypoints, 2), np.nan, np.float32)
-    rows.take_off(path, rr.Points2D.columns(positions=gone).partition([keypoints]))
+    rows.clear(path, rr.Points2D.columns(positions=gone).partition([keypoints]))
 
 
 def _send_projected(rows: _Rows, dancer: Dancer) -> None:
@@ -169,7 +162,7 @@ def _send_boxes(rows: _Rows, track: Track2D) -> None:
     boxes = rr.Boxes2D.columns(centers=(low + high) / 2, half_sizes=(high - low) / 2)
     rows.send(path, boxes.partition(known.astype(int)))
     none = np.zeros((0, 2), np.float32)
-    rows.take_off(path, rr.Boxes2D.columns(centers=none, half_sizes=none).partition([0]))
+    rows.clear(path, rr.Boxes2D.columns(centers=none, half_sizes=none).partition([0]))
 
 
 def _send_joints(rows: _Rows, path: str, places: FloatArray) -> None:
@@ -179,7 +172,7 @@ def _send_joints(rows: _Rows, path: str, places: FloatArray) -> None:
     columns = rr.Points3D.columns(positions=xyz.reshape(-1, 3))
     rows.send(path, columns.partition([joints] * frames))
     gone = np.full((joints, 3), np.nan, np.float32)
-    rows.take_off(path, rr.Points3D.columns(positions=gone).partition([joints]))
+    rows.clear(path, rr.Points3D.columns(positions=gone).partition([joints]))
 
 
 def _send_thin_bones(rows: _Rows, path: str, track: Track3D) -> None:
@@ -191,4 +184,4 @@ def _send_thin_bones(rows: _Rows, path: str, track: Track3D) -> None:
     known = ~np.isnan(bones).any(axis=(2, 3))
     columns = rr.LineStrips3D.columns(strips=bones[known])
     rows.send(path, columns.partition(known.sum(axis=1)))
-    rows.take_off(path, rr.LineStrips3D.columns(strips=bones[:0, 0]).partition([0]))
+    rows.clear(path, rr.LineStrips3D.columns(strips=bones[:0, 0]).partition([0]))

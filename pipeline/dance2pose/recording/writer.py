@@ -23,9 +23,9 @@ from dance2pose.provenance import Provenance
 from dance2pose.recording.entities import (
     PICTURE,
     PROVENANCE,
-    Clock,
     piece_path,
     send_dancer,
+    time_columns,
 )
 from dance2pose.recording.file import is_whole
 from dance2pose.recording.layout import blueprint
@@ -147,13 +147,12 @@ class RecordingWriter:
         timeline: every processed frame.
         """
         self._send_pictures()
-        clock = Clock(timeline.frame, timeline.time_s)
         placement = place(dancers)
-        if len(self._references) and len(clock.frame):
-            self._send(clock, self._video_references(clock))
+        if len(self._references) and len(timeline.frame):
+            self._send(timeline, self._video_references(timeline))
         send_style(self._stream, dancers, placement)
         for dancer in dancers:
-            send_dancer(self._stream, dancer, clock)
+            send_dancer(self._stream, dancer, timeline)
         stages = dict(provenance.stages)
         if self._reason:
             stages["picture"] = f"{self._picture}: {self._reason}"
@@ -172,8 +171,8 @@ class RecordingWriter:
             self._stream.log(piece_path(number), piece.asset, static=True)
             self._file.flush()
 
-    def _video_references(self, clock: Clock) -> rr.ComponentColumnList:
-        number, timestamps_ns = self._references.of(clock.time_s)
+    def _video_references(self, timeline: Timeline) -> rr.ComponentColumnList:
+        number, timestamps_ns = self._references.of(timeline.time_s)
         return rr.VideoFrameReference.columns(
             timestamp=timestamps_ns,
             video_reference=[piece_path(n) for n in number],
@@ -185,7 +184,7 @@ class RecordingWriter:
         columns = rr.EncodedImage.columns(
             blob=self._pictures, media_type=["image/jpeg"] * len(self._pictures)
         )
-        self._send(Clock(np.array(self._frames, np.int64), np.array(self._times)), columns)
+        self._send(Timeline(np.array(self._frames, np.int64), np.array(self._times)), columns)
         self._pictures, self._frames, self._times = [], [], []
         self._file.flush()
 
@@ -197,5 +196,5 @@ class RecordingWriter:
             arrays = {name: pa.array([value]) for name, value in values.items()}
             self._stream.send_property(group, rr.AnyValues(drop_untyped_nones=True, **arrays))
 
-    def _send(self, clock: Clock, columns: rr.ComponentColumnList) -> None:
-        rr.send_columns(PICTURE, clock.columns(), columns, recording=self._stream)
+    def _send(self, timeline: Timeline, columns: rr.ComponentColumnList) -> None:
+        rr.send_columns(PICTURE, time_columns(timeline), columns, recording=self._stream)

@@ -23,7 +23,7 @@ _BOX_NOISE = 0.05
 # Deviation of the unknown velocity of a new track, sizes per second.
 _FIRST_SPEED = 3.0
 # Out of sight, a movement dies down with this time constant: nobody runs straight on for long.
-_STAMINA_S = 2.0
+_VELOCITY_DECAY_S = 2.0
 
 
 class BoxMotion:
@@ -41,8 +41,8 @@ class BoxMotion:
 
     def advance(self, step_s: float) -> None:
         """Move on by `step_s` seconds without a sight."""
-        kept = np.exp(-step_s / _STAMINA_S)
-        transition = np.array([[1.0, _STAMINA_S * (1 - kept)], [0.0, kept]])
+        kept = np.exp(-step_s / _VELOCITY_DECAY_S)
+        transition = np.array([[1.0, _VELOCITY_DECAY_S * (1 - kept)], [0.0, kept]])
         wander = np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
         self.state = transition @ self.state
         self.covariance = transition @ self.covariance @ transition.T

@@ -170,8 +170,8 @@ def rotation_from_vector(vector: FloatArray) -> FloatArray:
     """Rotation matrices (N, 3, 3) of rotation vectors (N, 3), radians (Rodrigues)."""
     angle = np.linalg.norm(vector, axis=-1)[:, None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
-    nought = np.zeros_like(x)
-    cross = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(-1, 3, 3)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
     sine = np.sinc(angle / np.pi)  # sin(angle) / angle, also at 0
     versine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # (1 - cos(angle)) / angle^2
     rotation: FloatArray = np.eye(3) + sine * cross + versine * (cross @ cross)
