@@ -99,7 +99,7 @@ def measure(
     memory: list[int] = []
     with contextlib.closing(Ledger(archive.ledger)) as ledger:
         began = Took.now()
-        plan = Planner(ledger, Recipe(), Silent()).look(find_entries(source))
+        plan = Planner(ledger, Recipe(), Silent()).planned(find_entries(source))
         planned = Took.now()
         run = Batch(
             archive,
