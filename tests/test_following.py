@@ -303,8 +303,8 @@ def test_between_looks_poses_are_as_with_the_detector_on_every_frame(
         shared / "models" / "yolox_nano.onnx",
         shared / "models" / "simcc_adapter_tinypose_256x192.onnx",
         detect_every=10,
-        end_s=2.5,
+        end_s=4.0,  # one pose in a hundred is then more than one
     )
-    assert result.poses > 60
+    assert result.poses > 100
     assert result.mean_px <= most_px
     assert result.missed <= 0.01 * result.poses

@@ -74,7 +74,7 @@ def test_any_text_and_number_survives(
         ("input_width = 1000000", "input_width: 1000000, expected 8 to 4096"),
         ("score_threshold = nan", "score_threshold: nan, expected 0 to 1"),
         ('score_threshold = "high"', "expected a number"),
-        ('skeleton = "coco18"', "skeleton: unknown 'coco18'; known: "),
+        ('skeleton = "coco19"', "skeleton: unknown 'coco19'; known: "),
         ("name = 5", "name: 5, expected a string"),
         ('kind = "detector"\nskeleton = "coco17"', "skeleton has no meaning for a model of kind"),
         ('form = "simcc"\nrefinement = "dark"', "refinement has no meaning for the output form"),

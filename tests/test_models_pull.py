@@ -371,4 +371,5 @@ def test_command_line(tmp_path: Path) -> None:
     assert not (tmp_path / "c").exists()  # listing makes nothing
     unknown = run("pull", "rtmpose-q")
     assert (unknown.returncode, unknown.stdout) == (2, "")
-    assert "no model is called 'rtmpose-q'; known: yolox-nano" in unknown.stderr
+    assert "no model is called 'rtmpose-q'; did you mean 'rtmpose-" in unknown.stderr
+    assert "known: yolox-nano" in unknown.stderr

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from dance2pose.body import body_bones_mm
 from dance2pose.errors import UsageError
+from dance2pose.lifting.pursuit import pursue as pursuit
 from dance2pose.lifting.pursuit.anthropometric import constrained_least_squares
 from dance2pose.lifting.pursuit.camera import rotation_from_vector
 from dance2pose.lifting.pursuit.dictionary import Dictionary, load
 from dance2pose.lifting.pursuit.greedy import CAMERA_STEPS
 from dance2pose.lifting.pursuit.pursue import PursuitSettings, pursue
-from dance2pose.lifting.pursuit.pursue import pursue as pursuit
 from dance2pose.poses import BoolArray, FloatArray, IntArray
 
 PLAIN = PursuitSettings(

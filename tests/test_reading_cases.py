@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +30,23 @@ def _furthest_mm(one: Track3D, other: Track3D) -> float:
     return 1000 * float(np.nanmax(np.linalg.norm(one.xyz - other.xyz, axis=2)))
 
 
-def test_shuffled_ids_are_read_in_the_order_of_the_file_names(shared: Path) -> None:
+def test_shuffled_ids_are_read_in_the_order_of_the_file_names(shared: Path, tmp_path: Path) -> None:
+    """As the same file with its ids in order; read in the order of the ids it was 13.6 px off."""
     found = _read(shared, "coco_shuffled_ids.json")
     assert any("the file name holds" in note for note in found.notes)
+    document = json.loads((shared / "cases" / "coco_shuffled_ids.json").read_text())
+    names = {image["id"]: image["file_name"] for image in document["images"]}
+    in_order = {old: new for new, old in enumerate(sorted(names, key=names.__getitem__))}
+    for image in document["images"]:
+        image["id"] = in_order[image["id"]]
+    for person in document["annotations"]:
+        person["image_id"] = in_order[person["image_id"]]
+    (tmp_path / "in_order.json").write_text(json.dumps(document))
+    size = found.tracks[0].image_size
+    (track,) = read_tracks(tmp_path / "in_order.json", frame_rate=30, image_size=size).tracks
+    np.testing.assert_array_equal(track.xy, found.tracks[0].xy)
     poses = lift(found.tracks[0])
-    assert round(float(np.nanmean(poses.reprojection_error)), 1) == 3.5
+    assert float(np.nanmean(poses.reprojection_error)) < 6
 
 
 def test_every_fifth_frame_is_at_its_own_time(shared: Path) -> None:

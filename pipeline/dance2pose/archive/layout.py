@@ -148,7 +148,7 @@ def locked(archive: Archive) -> Iterator[None]:
 
 
 def sweep(archive: Archive) -> None:
-    """Remove half-made packages. Only for who holds the lock, before it starts workers."""
+    """Remove half-made packages. Only for who holds the lock, while no worker of its own runs."""
     for folder in (archive.work, archive.packages):
         folder.mkdir(exist_ok=True)
     for entry in os.scandir(archive.work):

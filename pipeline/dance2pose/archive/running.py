@@ -67,6 +67,8 @@ def run_batch(
                 stage,
             )
             tally = batch.run(plan.to_do) if plan.to_do else Tally()
+            # Workers of a batch that was killed may have gone on for a moment after the first one.
+            sweep(place)
             return BatchResult(plan, tally, ledger.counts().get("failed", 0))
 
 
