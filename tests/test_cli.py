@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from dance2pose.cli import main
+from dance2pose.commands.reconstruct import default_output
 from dance2pose.errors import UsageError
 from dance2pose.options import OutputOptions, Settings, SmoothOptions
 
@@ -120,3 +121,48 @@ def test_settings_check_themselves() -> None:
         Settings.of(every=0)
     assert SmoothOptions().model_after("default") == "none"
     assert SmoothOptions().model_after("paper") == "mma"
+
+
+def test_unknown_tables_and_keys_get_the_nearest_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text('[lfit]\ncamera = "auto"\n')
+    assert status("clip.mp4", "--config", str(file)) == 2
+    assert "[lfit]" in (said := capsys.readouterr().err) and "did you mean 'lift'" in said
+    file.write_text("heigth = 1.6\n")
+    assert status("clip.mp4", "--config", str(file)) == 2
+    assert "did you mean 'height'" in capsys.readouterr().err
+
+
+def test_a_broken_standing_file_breaks_neither_help_nor_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text("broken =")
+    monkeypatch.setattr("dance2pose.cli.user_config_path", lambda: file)
+    assert status("--version") == 0
+    assert status("--help") == 0
+    assert status("clip.mp4") == 2
+    assert "config.toml" in capsys.readouterr().err
+
+
+def test_alone_it_shows_help() -> None:
+    result = run()
+    assert result.returncode == 0
+    assert result.stdout.startswith("Usage: dance2pose")
+
+
+def test_help_has_no_ragged_lines() -> None:
+    lines = run("--help").stdout.split("Parameters:")[1].splitlines()
+    entries = [line for line in lines if line.strip()]
+    assert all(line.startswith(("  -", "  VIDEO", "      ")) for line in entries)
+    assert max(map(len, entries)) <= 100
+
+
+@pytest.mark.parametrize(
+    ("video", "output"),
+    [("01.mp4", "01.rrd"), ("a/01.mp4", "a_01.rrd"), ("b/01.mp4", "b_01.rrd")],
+)
+def test_tapes_of_one_name_in_two_folders_are_two_recordings(video: str, output: str) -> None:
+    assert default_output(Path(video)) == Path(output)

@@ -236,8 +236,8 @@ class SettingsFile:
         for key, value in self.data.items():
             if isinstance(value, dict) and key not in COMMANDS:
                 raise UsageError(
-                    f"{self.source}: unknown table [{key}]{nearest(key, COMMANDS)}; a table has "
-                    "the name of a command"
+                    f"{self.source}: unknown table [{key}], a table has the name of a command"
+                    f"{nearest(key, COMMANDS)}"
                 )
 
     def __call__(self, app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:

@@ -91,6 +91,7 @@ def plan_outputs(
     OutputError
         Where the folder is missing or cannot be written to.
     """
+    _check_no_input(main, inputs)
     if _suffix(main) not in kinds:
         known = " or ".join(kinds)
         raise UsageError(f"{main}: expected a name that ends in {known}")
