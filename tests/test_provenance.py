@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from dance2pose.errors import DataError
+from dance2pose.file_hash import file_sha256
 from dance2pose.provenance import (
     describe_dancers,
     describe_settings,
     describe_video,
-    file_sha256,
     identity_of,
     library_versions,
 )

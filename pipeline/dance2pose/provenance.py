@@ -11,13 +11,12 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from dance2pose import __version__
-from dance2pose.errors import DataError
+from dance2pose.file_hash import file_sha256
 from dance2pose.options import flat
 from dance2pose.poses import Dancer
 
@@ -142,22 +141,6 @@ def _plain(text: str) -> str:
     """Text that Markdown shows as it is: a file name may hold any character."""
     one_line = " ".join(text.split())
     return "".join(f"\\{c}" if c in "\\`*_[]<>#|" else c for c in one_line)
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file in hex, read once while the file stays as it is."""
-    try:
-        status = path.stat()
-        return _sha256(path, status.st_size, status.st_mtime_ns)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-
-
-@lru_cache(maxsize=16)
-def _sha256(path: Path, size: int, changed_ns: int) -> str:
-    del size, changed_ns  # a changed file is another entry of the cache
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def identity_of(video: VideoInfo, models: Sequence[Any], settings: object) -> str:

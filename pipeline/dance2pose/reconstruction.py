@@ -13,6 +13,7 @@ from typing import Any
 from dance2pose import smoothing
 from dance2pose.body import Body
 from dance2pose.errors import VideoError
+from dance2pose.file_hash import file_sha256
 from dance2pose.findings import find
 from dance2pose.lifting.lift import describe_camera, known_bodies, lift_with_bodies
 from dance2pose.lifting.world.moving_camera import CameraMotion
@@ -22,7 +23,7 @@ from dance2pose.people import PoseModels, load_models
 from dance2pose.poses import Dancer, Track2D
 from dance2pose.profiling import stage
 from dance2pose.progress import Progress, Silent
-from dance2pose.provenance import describe_run, file_sha256, identity_of
+from dance2pose.provenance import describe_run, identity_of
 from dance2pose.results import Result, Source
 from dance2pose.saving import open_recording, plan_run, save, write_beside
 from dance2pose.summary import Summary, summarise

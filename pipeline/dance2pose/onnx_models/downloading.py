@@ -20,13 +20,13 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from dance2pose.errors import ModelError, OutputError
+from dance2pose.file_hash import file_sha256
 from dance2pose.onnx_models.manifest import checked_settings, manifest_path, toml_lines
 from dance2pose.onnx_models.recognition import inspect_model
 from dance2pose.onnx_models.registry import (
     RegisteredModel,
     cache_folder,
     cached_path,
-    file_sha256,
     known_hashes,
     record_hashes,
 )

@@ -10,6 +10,7 @@ from typing import Any
 
 from dance2pose import skeleton as skeletons
 from dance2pose.errors import ModelError
+from dance2pose.file_hash import file_sha256
 from dance2pose.onnx_models.detector_forms import DETECTOR_FORMS
 from dance2pose.onnx_models.forms import (
     Graph,
@@ -35,7 +36,7 @@ from dance2pose.onnx_models.manifest import (
 )
 from dance2pose.onnx_models.one_stage_forms import ONE_STAGE_FORMS
 from dance2pose.onnx_models.pose_forms import POSE_FORMS
-from dance2pose.onnx_models.registry import file_sha256, located
+from dance2pose.onnx_models.registry import located
 from dance2pose.skeleton import SKELETONS_BY_COUNT
 
 # In the order in which they are tried: the more particular before the more general.

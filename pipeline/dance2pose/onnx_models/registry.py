@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import re
 import tomllib
@@ -14,6 +13,7 @@ from typing import Any
 
 from dance2pose.assets import asset
 from dance2pose.errors import ModelError, UsageError
+from dance2pose.file_hash import file_sha256
 from dance2pose.onnx_models.manifest import checked_settings
 from dance2pose.output_files import written_whole
 
@@ -123,9 +123,3 @@ def located(path: Path) -> Path:
             f"fetch it again with: dance2pose models pull {name}"
         )
     return cached
-
-
-def file_sha256(path: Path) -> str:
-    """The SHA-256 of a file, as hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

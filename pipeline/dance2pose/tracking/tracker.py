@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from dance2pose import skeleton as skeletons
+from dance2pose.holes import usual_step
 from dance2pose.options import parse_person
 from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Timeline, Track2D
 from dance2pose.tracking.appearance import Histogram, likeness, torso_histogram, torso_joints
@@ -72,6 +73,8 @@ _KNOWN_AGAIN = 0.6
 _BORDER = 0.02
 # A track not yet confirmed ends after this many seconds unseen.
 _TENTATIVE_PATIENCE_S = 0.25
+# The usual step between frames is told by so many of the last ones.
+_STEPS_KEPT = 50
 
 
 @dataclass(frozen=True)
@@ -325,12 +328,13 @@ class Tracker:
         return len(candidate.rows) >= self.settings.birth_sights
 
     def _unseen_s(self, candidate: _Candidate) -> float:
-        """Seconds since the first frame that lacks the person, until the present frame.
+        """Seconds beyond the usual step since the person was last seen.
 
-        0 for who was seen in the frame before, however long ago that was: with few frames a
-        second nobody has been missed yet.
+        0 for who was seen in the frame before, even with few frames a second; but a hole in time
+        is time unseen, whether its frames are absent or empty.
         """
-        return self._time_s[-1] - self._time_s[candidate.rows[-1] + 1]
+        since = self._time_s[-1] - self._time_s[candidate.rows[-1]]
+        return max(0.0, since - usual_step(self._time_s[-_STEPS_KEPT:]))
 
     def _is_over(self, candidate: _Candidate) -> bool:
         unseen_s = self._unseen_s(candidate)
