@@ -108,7 +108,8 @@ def stub_detector(folder: Path, people: int) -> Path:
     left = np.linspace(20, 160, people)
     boxes = np.stack([left, np.full(people, 40), left + 80, np.full(people, 175)], axis=1)
     dets = np.concatenate([boxes, np.full((people, 1), 0.9)], axis=1)[np.newaxis]
-    values = {"dets": dets.astype(np.float32), "labels": np.zeros((1, people), np.int64)}
+    labels = np.zeros((1, people), np.int64)
+    values: dict[str, np.ndarray] = {"dets": dets.astype(np.float32), "labels": labels}
     return constant_graph(folder / "STUB_detector.onnx", values, (1, 3, 320, 320))
 
 

@@ -171,6 +171,17 @@ def test_who_vanishes_within_the_picture_is_known_again_by_colours(
     assert len(tracks) == tracks_found
 
 
+@pytest.mark.parametrize("rate", [1.0, 25.0])
+def test_a_minute_without_frames_ends_a_track_and_a_slow_film_does_not(rate: float) -> None:
+    """The frames in between are not there at all: nobody was missed in any of them."""
+    actor = Actor(lambda time_s: (200.0 + 2 * min(time_s, 10), 180.0))
+    before = times(rate, 20)
+    after = before + before[-1] + 60
+    tracks = perform([actor], np.concatenate([before, after])).finish("all")
+    assert [len(track) for track in tracks] == [len(before), len(after)]
+    assert len(perform([actor], before).finish("all")) == 1
+
+
 def test_patience_is_in_seconds_whatever_the_frame_rate() -> None:
     for rate in (10.0, 50.0):
         for away_s, tracks_found in ((1.5, 1), (2.6, 2)):
