@@ -222,7 +222,8 @@ def _analyse(
     source = Source(
         frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
     )
-    everyone = followed.tracker.finish("all")
+    # Who asked for one person knows that others are left out.
+    everyone = followed.tracker.finish("all") if settings.person == "auto" else tracks
     said = (*frames.warnings, *models.notes, *lost, *followed.motion.notes())
     findings = (*said, *find(dancers, everyone, source.timeline))
     provenance = describe_run(
