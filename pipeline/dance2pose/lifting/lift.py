@@ -13,6 +13,7 @@ from dance2pose.body import BODY_HEIGHT_MM, Body
 from dance2pose.body_file import body_for, read_bodies
 from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting.implausible import implausible
+from dance2pose.lifting.jumps import doubted_where_keypoints_jump
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
 from dance2pose.lifting.world.field_of_view import estimated_fov
 from dance2pose.lifting.world.ground_plane import levelled
@@ -125,7 +126,10 @@ def lift_with_bodies(
                 found[n] = again
         level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (options.height_m or 1.0))
         out.update(zip(rows, level, strict=True))
-    placed = [_reprojected(out[n], track, options) for n, track in enumerate(tracks)]
+    placed = [
+        doubted_where_keypoints_jump(_reprojected(out[n], track, options), track)
+        for n, track in enumerate(tracks)
+    ]
     return placed, found_bodies
 
 
