@@ -10,8 +10,10 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
-from dance2pose.cli import _exit_status
+from dance2pose.cli import COMMANDS, _check_command, _exit_status
 from dance2pose.errors import ModelError, UsageError, VideoError
 from dance2pose.onnx_models.registry import registry
 from dance2pose.options import Settings
@@ -140,3 +142,21 @@ def test_a_codec_that_nobody_knows_is_named(letters: bytes, words: str, tmp_path
     with pytest.raises(VideoError) as refused:
         open_video(path)
     assert "a.mp4: " in str(refused.value) and words in str(refused.value)
+
+
+@given(
+    command=st.sampled_from(sorted(COMMANDS)),
+    where=st.integers(0, 7),
+    letter=st.sampled_from("aeqxz"),
+)
+def test_every_mistyped_command_is_named_with_its_nearest(
+    command: str, where: int, letter: str
+) -> None:
+    at = where % len(command)
+    typo = command[:at] + letter + command[at + 1 :]
+    assume(typo not in COMMANDS)
+    with pytest.raises(UsageError) as raised:
+        _check_command([typo, "A", "B"])
+    text = str(raised.value)
+    assert typo in text and "\n" not in text
+    assert f"did you mean {command!r}" in text
