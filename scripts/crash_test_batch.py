@@ -40,7 +40,7 @@ _COMPLETE = (0, 1)
 
 
 @dataclass
-class Ordeal:
+class Crashes:
     """What happened. kills: by what was killed. rounds: times that everything was done."""
 
     kills: Counter[str] = field(default_factory=Counter)
@@ -49,37 +49,37 @@ class Ordeal:
     unexpected: list[str] = field(default_factory=list)
 
 
-def torment(command: Command, *, kills: int, seed: int, longest_s: float) -> Ordeal:
+def kill_repeatedly(command: Command, *, kills: int, seed: int, longest_s: float) -> Crashes:
     """Run the batch and kill it so many times, at most `longest_s` apart; then let it end."""
     rng = random.Random(seed)
-    ordeal = Ordeal()
-    process = _start(command, ordeal)
-    while ordeal.kills.total() < kills:
+    crashes = Crashes()
+    process = _start(command, crashes)
+    while crashes.kills.total() < kills:
         if rng.random() < 0.8:  # else it may be hit while it starts
             _wait_for_workers(process)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(timeout=rng.uniform(0, longest_s))
         if process.poll() is not None:
-            if not _ended_well(process, ordeal):
-                return ordeal
-            ordeal.rounds += process.returncode in _COMPLETE
-            process = _start(command, ordeal)
+            if not _ended_well(process, crashes):
+                return crashes
+            crashes.rounds += process.returncode in _COMPLETE
+            process = _start(command, crashes)
             continue
-        ordeal.kills[_kill(process, rng)] += 1
-        if ordeal.kills.total() % 20 == 0:
-            print(f"{ordeal.kills.total()} kills", flush=True)
+        crashes.kills[_kill(process, rng)] += 1
+        if crashes.kills.total() % 20 == 0:
+            print(f"{crashes.kills.total()} kills", flush=True)
     while True:
         process.wait()
-        if not _ended_well(process, ordeal) or process.returncode in _COMPLETE:
-            return ordeal
-        process = _start(command, ordeal)
+        if not _ended_well(process, crashes) or process.returncode in _COMPLETE:
+            return crashes
+        process = _start(command, crashes)
 
 
-def _ended_well(process: subprocess.Popen[bytes], ordeal: Ordeal) -> bool:
+def _ended_well(process: subprocess.Popen[bytes], crashes: Crashes) -> bool:
     """Whether a batch came to its end or was killed; anything else is noted."""
     if process.returncode in (*_COMPLETE, -signal.SIGKILL):
         return True
-    ordeal.unexpected.append(f"a batch ended with status {process.returncode}")
+    crashes.unexpected.append(f"a batch ended with status {process.returncode}")
     return False
 
 
@@ -92,10 +92,10 @@ def _wait_for_workers(process: subprocess.Popen[bytes]) -> None:
         time.sleep(0.1)
 
 
-def _start(command: Command, ordeal: Ordeal) -> subprocess.Popen[bytes]:
-    ordeal.starts += 1
+def _start(command: Command, crashes: Crashes) -> subprocess.Popen[bytes]:
+    crashes.starts += 1
     return subprocess.Popen(
-        command(ordeal.rounds), stdout=subprocess.DEVNULL, start_new_session=True
+        command(crashes.rounds), stdout=subprocess.DEVNULL, start_new_session=True
     )
 
 
@@ -122,7 +122,7 @@ def _kill(process: subprocess.Popen[bytes], rng: random.Random) -> str:
 
 
 def check(archive: Path, *, items: int, rounds: int) -> list[str]:
-    """What is wrong with an archive after its ordeal: packages, ledger, and work done twice."""
+    """What is wrong with an archive after its crashes: packages, ledger, and work done twice."""
     wrong = []
     folders = sorted((archive / "packages").glob("*/v*"))
     for folder in folders:
@@ -173,13 +173,13 @@ def main() -> None:
             return [*batch, *models, "--window", str(number), "--attempts", "1000", "--quiet"]
 
         began = time.monotonic()
-        ordeal = torment(
+        crashes = kill_repeatedly(
             command, kills=arguments.kills, seed=arguments.seed, longest_s=arguments.longest
         )
-        wrong = check(archive, items=arguments.clips, rounds=ordeal.rounds) + ordeal.unexpected
+        wrong = check(archive, items=arguments.clips, rounds=crashes.rounds) + crashes.unexpected
         print(
-            f"{ordeal.kills.total()} kills ({dict(ordeal.kills)}), {ordeal.starts} starts, "
-            f"{ordeal.rounds} rounds of {arguments.clips} clips, "
+            f"{crashes.kills.total()} kills ({dict(crashes.kills)}), {crashes.starts} starts, "
+            f"{crashes.rounds} rounds of {arguments.clips} clips, "
             f"{len(list(archive.glob('packages/*/v*')))} packages, "
             f"{time.monotonic() - began:.0f} s"
         )

@@ -28,7 +28,7 @@ from dance2pose.limits.ab15 import read_authors_limits
 from dance2pose.limits.learning import (
     Margins,
     ObservationSettings,
-    observe,
+    seen_directions,
     training_poses,
     widen,
 )
@@ -74,7 +74,7 @@ def learn(options: argparse.Namespace) -> None:
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         }
-        learned = widen(observe(poses, skeleton, take=take), margins, metadata)
+        learned = widen(seen_directions(poses, skeleton, take=take), margins, metadata)
         path = options.output / f"limits_{skeleton}.npz"
         limits.save(learned, path, overwrite=True)
         print(f"{path}: {len(learned.axes)} regions from {len(poses)} poses")

@@ -11,11 +11,12 @@ ROOT = Path(__file__).resolve().parents[1] / "pipeline" / "dance2pose"
 
 # From the ground up: a room imports from its own floor's files and from floors below it only.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("errors", "assets", "progress", "profiling", "large_blocks"),
+    ("errors", "array_records", "assets", "progress", "profiling", "large_blocks"),
     ("viewpoint", "poses", "options", "output_files", "leftovers", "holes", "file_hash"),
     ("skeleton_tables",),
     ("skeleton", "npz_files", "body", "settings_file", "tables"),
     ("body_file", "body_variation"),
+    ("angle_formulas",),
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
     ("following",),

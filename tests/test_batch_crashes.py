@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from archive_stub import videos
-from crash_test_batch import check, torment
+from crash_test_batch import check, kill_repeatedly
 
 COUNT = 12
 
@@ -30,8 +30,8 @@ def test_twenty_kills_lose_nothing_and_nothing_is_done_twice(
     def command(number: int) -> list[str]:
         return [sys.executable, stub, str(source), str(archive), str(number)]
 
-    ordeal = torment(command, kills=20, seed=9, longest_s=2.5)
-    assert ordeal.unexpected == []
-    assert ordeal.kills.total() == 20
-    assert len(ordeal.kills) == 3  # of workers, of the batch, and of all at once
-    assert check(archive, items=COUNT, rounds=ordeal.rounds) == []
+    crashes = kill_repeatedly(command, kills=20, seed=9, longest_s=2.5)
+    assert crashes.unexpected == []
+    assert crashes.kills.total() == 20
+    assert len(crashes.kills) == 3  # of workers, of the batch, and of all at once
+    assert check(archive, items=COUNT, rounds=crashes.rounds) == []

@@ -146,10 +146,10 @@ def test_a_mirrored_body_is_measured_mirrored(seed: int) -> None:
 
 
 def test_frames_that_agree_by_the_network_are_no_surer_than_one() -> None:
-    opinion = np.random.default_rng(14).normal(0, 0.05, BONES)
-    few = from_network(np.tile(opinion, (3, 1)), np.full((3, BONES), 0.04))
-    many = from_network(np.tile(opinion, (300, 1)), np.full((300, BONES), 0.04))
-    np.testing.assert_allclose(few.log_length, opinion)
+    predicted = np.random.default_rng(14).normal(0, 0.05, BONES)
+    few = from_network(np.tile(predicted, (3, 1)), np.full((3, BONES), 0.04))
+    many = from_network(np.tile(predicted, (300, 1)), np.full((300, BONES), 0.04))
+    np.testing.assert_allclose(few.log_length, predicted)
     np.testing.assert_allclose(few.sigma, many.sigma)
 
 
@@ -162,17 +162,17 @@ def test_a_wrist_taken_for_something_else_for_a_while_makes_no_long_forearm() ->
     assert np.exp(measured.log_length[wrist]) * USUAL[wrist] < 1.1 * lengths[wrist]
 
 
-def test_the_opinion_of_the_network_stands_in_where_depths_are_silent() -> None:
-    opinion = Measured(
+def test_the_prediction_of_the_network_stands_in_where_depths_are_silent() -> None:
+    predicted = Measured(
         np.linspace(-0.1, 0.1, BONES)[np.minimum(np.arange(BONES), PAIR)], np.full(BONES, 0.03)
     )
     nothing = Measured(np.full(BONES, np.nan), np.full(BONES, np.inf))
-    body, _ = estimate([nothing], "cmu17", opinion=opinion)
-    ratio = np.log(body.lengths_mm / USUAL) - opinion.log_length
+    body, _ = estimate([nothing], "cmu17", predicted=predicted)
+    ratio = np.log(body.lengths_mm / USUAL) - predicted.log_length
     assert np.ptp(ratio) < 1e-9
     lengths = a_person(17)
     surer = Measured(np.log(lengths / USUAL), np.full(BONES, 0.003))
-    body, _ = estimate([surer], "cmu17", opinion=opinion)
+    body, _ = estimate([surer], "cmu17", predicted=predicted)
     np.testing.assert_allclose(body.lengths_mm, lengths, rtol=0.01)
 
 

@@ -13,7 +13,7 @@ JOINTS = 17
 
 def test_parts_add_as_variances() -> None:
     parts = ErrorParts(np.full((7, JOINTS), 30.0), np.full((7, JOINTS), 10.0), 20.0)
-    calibration = Calibration(tuple([2.0] + [1.0] * 16), noise=1.5, lasting=3.0)
+    calibration = Calibration(tuple([2.0] + [1.0] * 16), noise=1.5, bias=3.0)
     sigma = calibration.sigma(parts)
     assert sigma[0, 0] == pytest.approx(np.sqrt(60**2 + 15**2 + 60**2))
     assert sigma[6, 16] == pytest.approx(np.sqrt(30**2 + 15**2 + 60**2))
@@ -22,7 +22,7 @@ def test_parts_add_as_variances() -> None:
 def test_frames_that_were_not_lifted_have_no_error_known() -> None:
     parts = ErrorParts(np.ones((2, JOINTS)), np.full((2, JOINTS), 3.0), 5.0)
     spread = parts.on_rows(np.array([1, 4]), 6)
-    assert spread.pose.shape == (6, JOINTS) and spread.lasting_mm == 5.0
+    assert spread.pose.shape == (6, JOINTS) and spread.bias_mm == 5.0
     assert np.isfinite(spread.pose).all(axis=1).tolist() == [False, True, False, False, True, False]
     assert spread.noise[4, 0] == 3.0
 
@@ -38,16 +38,16 @@ def test_calibrations_are_kept_in_the_networks_metadata() -> None:
 def test_planted_factors_are_found() -> None:
     """Errors drawn as a calibration says: as many lie within one and two sigma as should."""
     rng = np.random.default_rng(0)
-    true = Calibration(tuple([0.5, *np.linspace(0.6, 1.4, 16)]), noise=1.0, lasting=4.0)
+    true = Calibration(tuple([0.5, *np.linspace(0.6, 1.4, 16)]), noise=1.0, bias=4.0)
     found = []
-    for group, noise, lasting in (("clean", 1.0, 0.0), ("white", 25.0, 0.0), ("slow", 5.0, 12.0)):
+    for group, noise, bias in (("clean", 1.0, 0.0), ("white", 25.0, 0.0), ("slow", 5.0, 12.0)):
         pose = rng.uniform(10, 40, (4000, JOINTS))
-        parts = ErrorParts(pose, np.full(pose.shape, noise), lasting)
+        parts = ErrorParts(pose, np.full(pose.shape, noise), bias)
         errors = np.abs(rng.normal(size=pose.shape)) * true.sigma(parts)
         errors[::7] = np.nan
         found.append(Case(group, False, errors, parts))
     calibration = fitted(found)
-    assert calibration.noise == true.noise and calibration.lasting == true.lasting
+    assert calibration.noise == true.noise and calibration.bias == true.bias
     # 70 % of a normal distribution lie within 1.036 standard deviations.
     np.testing.assert_allclose(calibration.joints[1:], 1.036 * np.array(true.joints[1:]), rtol=0.1)
     for one, two in shares(found, calibration).values():

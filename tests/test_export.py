@@ -501,7 +501,9 @@ def test_a_result_is_read_with_its_other_dancers_and_keypoints(tmp_path: Path) -
         found = export.load_scene(tmp_path / name)
         assert [p.person for p in found.dancers] == [1, 3]
         assert all(p.keypoints is not None for p in found.dancers)
-        np.testing.assert_array_equal(found.dancers[1].places, scene.dancers[1].places)
+        np.testing.assert_array_equal(
+            found.dancers[1].poses.world_xyz, scene.dancers[1].poses.world_xyz
+        )
 
 
 # The even clock

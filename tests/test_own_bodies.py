@@ -81,7 +81,7 @@ def test_a_perspective_scene_is_what_its_camera_sees_of_the_whole_path() -> None
 
 def test_slow_errors_have_the_size_and_duration_asked_for() -> None:
     scene = scenes([walking(frames=9000)], views=1, tilt_deg=0, seed=0)[0]
-    slow = with_slow_errors(scene, np.random.default_rng(0), sigma_mm=15, lasting_s=1.0)
+    slow = with_slow_errors(scene, np.random.default_rng(0), sigma_mm=15, correlation_s=1.0)
     off = slow.xy - scene.xy
     assert np.std(off) == pytest.approx(15, rel=0.05)
     assert np.std(off[0]) == pytest.approx(15, rel=0.4)  # from the first frame on

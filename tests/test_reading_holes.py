@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dance2pose.reading import read_tracks
-from dance2pose.tracking.tracker import TrackingSettings
+from dance2pose.tracking.settings import TrackingSettings
 from reading_making import HEIGHT, MADE, RATE, WIDTH, alphapose, results, scene
 
 SIZE = (WIDTH, HEIGHT)

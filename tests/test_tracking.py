@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from dance2pose.errors import UsageError
 from dance2pose.poses import Boxes, Poses2D
-from dance2pose.tracking.tracker import Tracker, TrackingSettings
+from dance2pose.tracking.settings import TrackingSettings
+from dance2pose.tracking.tracker import Tracker
 from staged import HEIGHT, WIDTH, Actor, J, perform, times, who
 
 RED, GREEN, BLUE = (40, 40, 200), (40, 200, 40), (200, 60, 30)

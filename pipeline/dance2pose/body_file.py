@@ -74,21 +74,6 @@ def read_bodies(path: Path) -> dict[str, Body]:
     return {name: _body(f"{path}, dancer {name}", entry) for name, entry in dancers.items()}
 
 
-def read_body(path: Path, name: str | None = None) -> Body:
-    """One dancer's body of a file: the one of that name, or the only one.
-
-    Raises DataError as `read_bodies`, UsageError where there is no such dancer or no name was given
-    and there are several.
-    """
-    bodies = read_bodies(path)
-    if name is None and len(bodies) == 1:
-        return next(iter(bodies.values()))
-    if name not in bodies:
-        asked = "several dancers, and none was named" if name is None else f"no dancer {name!r}"
-        raise UsageError(f"{path}: {asked}; it has: {', '.join(bodies)}")
-    return bodies[name]
-
-
 def body_for(bodies: Mapping[str, Body], person: int) -> Body | None:
     """The body of a person by number; of a file with one dancer that one, whoever it is."""
     if len(bodies) == 1:

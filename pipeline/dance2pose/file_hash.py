@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,5 +22,11 @@ def file_sha256(path: Path) -> str:
 @lru_cache(maxsize=16)
 def _sha256(path: Path, size: int, changed_ns: int) -> str:
     del size, changed_ns  # a changed file is another entry of the cache
-    with path.open("rb") as file:
+    return sha256_now(path)
+
+
+def sha256_now(path: Path) -> str:
+    """SHA-256 of a file in hex, read anew. Raises OSError; never waits, as a pipe would make it."""
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags), "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

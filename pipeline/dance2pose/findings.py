@@ -131,7 +131,7 @@ def _far_off(dancer: Dancer) -> Iterator[str]:
 def _sunk(track: Track3D) -> Iterator[str]:
     if track.root is None:
         return
-    height = (track.xyz + track.root[:, None])[..., 1]
+    height = track.world_xyz[..., 1]
     known = np.isfinite(height).any(axis=1)
     lowest = np.where(np.isfinite(height), height, np.inf).min(axis=1)
     sunk = known & (lowest < -SUNK[track.unit])

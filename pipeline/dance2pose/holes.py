@@ -50,6 +50,16 @@ def holes(
     return found if time_s is None else found | _long_steps(time_s, _LONGEST_PICTURE_S)
 
 
+def unbroken(flags: npt.NDArray[np.bool_]) -> list[slice]:
+    """The runs of True in (T,) flags, in order.
+
+    >>> unbroken(np.array([True, True, False, True]))
+    [slice(0, 2, None), slice(3, 4, None)]
+    """
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)).tolist()
+    return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def _long_steps(clock: npt.ArrayLike, least: float) -> npt.NDArray[np.bool_]:
     steps = np.diff(np.asarray(clock, dtype=np.float64))
     return np.asarray(steps > max(_LONG * usual_step(clock), least))

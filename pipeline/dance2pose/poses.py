@@ -15,6 +15,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from dance2pose.array_records import ArrayRecord, require_shape
 from dance2pose.errors import DataError
 from dance2pose.viewpoint import Viewpoint
 
@@ -25,38 +26,6 @@ Inner = tuple[int, int, int, int]
 Image = npt.NDArray[np.uint8]
 
 Unit = Literal["body heights", "metres"]
-
-
-def _require_shape(name: str, array: npt.NDArray[Any], shape: tuple[int | None, ...]) -> None:
-    """Raise ValueError unless `array` has `shape`; None matches any length."""
-    matches = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
-    )
-    if not matches:
-        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
-
-
-class ArrayRecord:
-    """Equality and a short text for dataclasses whose fields are arrays.
-
-    Two are equal where all fields are, missing numbers (NaN) being equal to missing numbers.
-    """
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        names = [field.name for field in fields if field.compare]
-        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
-
-
-def _same(a: object, b: object) -> bool:
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
-    return bool(a == b)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,8 +50,8 @@ class Timeline(ArrayRecord):
     time_s: npt.NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        _require_shape("frame", self.frame, (None,))
-        _require_shape("time_s", self.time_s, (len(self.frame),))
+        require_shape("frame", self.frame, (None,))
+        require_shape("time_s", self.time_s, (len(self.frame),))
         _require_increasing("frame", self.frame)
         _require_increasing("time_s", self.time_s)
 
@@ -130,7 +99,7 @@ class Frame:
     inner: Inner | None = None
 
     def __post_init__(self) -> None:
-        _require_shape("image", self.image, (None, None, 3))
+        require_shape("image", self.image, (None, None, 3))
         if self.image.dtype != np.uint8:
             raise ValueError(f"image has dtype {self.image.dtype}, expected uint8")
 
@@ -143,8 +112,8 @@ class Boxes:
     confidence: FloatArray
 
     def __post_init__(self) -> None:
-        _require_shape("xyxy", self.xyxy, (None, 4))
-        _require_shape("confidence", self.confidence, (len(self.xyxy),))
+        require_shape("xyxy", self.xyxy, (None, 4))
+        require_shape("confidence", self.confidence, (len(self.xyxy),))
 
     def __len__(self) -> int:
         return len(self.xyxy)
@@ -163,8 +132,8 @@ class Poses2D:
     skeleton: str
 
     def __post_init__(self) -> None:
-        _require_shape("xy", self.xy, (None, None, 2))
-        _require_shape("confidence", self.confidence, self.xy.shape[:2])
+        require_shape("xy", self.xy, (None, None, 2))
+        require_shape("confidence", self.confidence, self.xy.shape[:2])
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -193,10 +162,10 @@ class Track2D(ArrayRecord):
 
     def __post_init__(self) -> None:
         length = len(self.timeline)
-        _require_shape("xy", self.xy, (length, None, 2))
-        _require_shape("confidence", self.confidence, (length, self.xy.shape[1]))
-        _require_shape("interpolated", self.interpolated, (length,))
-        _require_shape("box", self.box, (length, 4))
+        require_shape("xy", self.xy, (length, None, 2))
+        require_shape("confidence", self.confidence, (length, self.xy.shape[1]))
+        require_shape("interpolated", self.interpolated, (length,))
+        require_shape("box", self.box, (length, 4))
 
     @classmethod
     def from_arrays(
@@ -318,15 +287,15 @@ class Track3D(ArrayRecord):
 
     def __post_init__(self) -> None:
         length = len(self.timeline)
-        _require_shape("xyz", self.xyz, (length, None, 3))
+        require_shape("xyz", self.xyz, (length, None, 3))
         joints = self.xyz.shape[1]
-        _require_shape("reprojection_error", self.reprojection_error, (length, joints))
-        _require_shape("valid", self.valid, (length, joints - 1))
-        _require_shape("estimated", self.estimated, (length, joints))
+        require_shape("reprojection_error", self.reprojection_error, (length, joints))
+        require_shape("valid", self.valid, (length, joints - 1))
+        require_shape("estimated", self.estimated, (length, joints))
         if self.sigma is not None:
-            _require_shape("sigma", self.sigma, (length, joints))
+            require_shape("sigma", self.sigma, (length, joints))
         if self.root is not None:
-            _require_shape("root", self.root, (length, 3))
+            require_shape("root", self.root, (length, 3))
 
     @property
     def frame(self) -> IntArray:
@@ -337,6 +306,11 @@ class Track3D(ArrayRecord):
     def time_s(self) -> npt.NDArray[np.float64]:
         """(T,) presentation times in seconds."""
         return self.timeline.time_s
+
+    @property
+    def world_xyz(self) -> FloatArray:
+        """(T, J, 3) joints in the world: on the root trajectory where it is known, else `xyz`."""
+        return self.xyz if self.root is None else self.xyz + self.root[:, None]
 
     def __len__(self) -> int:
         return len(self.timeline)

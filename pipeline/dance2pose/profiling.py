@@ -31,7 +31,6 @@ STAGES = (
     "smoothing",
     "recording",
 )
-MODEL_STAGES = ("detector", "keypoints")
 
 
 class Profile:

@@ -81,7 +81,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Table:
+class MotionTable:
     """One row a frame, or a frame and person. header: its lines as they are. cells: text."""
 
     rows: Rows
@@ -120,7 +120,7 @@ class Table:
         return found
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> MotionTable:
     """Read a .csv, .tsv or .trc file. DataError names the file and line of what is wrong."""
     if path.suffix.lower() == ".trc":
         return _read_trc(path)
@@ -128,7 +128,7 @@ def read_table(path: Path) -> Table:
 
 
 def write_table(
-    path: Path, table: Table, values: npt.NDArray[np.floating], *, overwrite: bool = False
+    path: Path, table: MotionTable, values: npt.NDArray[np.floating], *, overwrite: bool = False
 ) -> None:
     """Write the table with other numbers (T, columns) in its moving columns.
 
@@ -211,7 +211,7 @@ def _decimal(path: Path, cells: list[list[str]], delimiter: str) -> str:
     return "," if commas else "."
 
 
-def _read_csv(rows: Rows) -> Table:
+def _read_csv(rows: Rows) -> MotionTable:
     path, start = rows.path, rows.first_data_row()
     if start is None:
         raise DataError(f"{path}: no line holds numbers")
@@ -236,12 +236,12 @@ def _read_csv(rows: Rows) -> Table:
     if frame is None and lower[0] in _COUNTED and _counts(rows, cells):
         frame = 0
     groups = tuple(c for c, name in enumerate(lower) if name in GROUP_NAMES and _repeats(cells, c))
-    table = Table(rows, tuple(rows.lines[:start]), names, cells, moving, time, frame, groups)
+    table = MotionTable(rows, tuple(rows.lines[:start]), names, cells, moving, time, frame, groups)
     _check_numbers(table, start + 1)
     return table
 
 
-def _read_trc(path: Path) -> Table:
+def _read_trc(path: Path) -> MotionTable:
     lines, newline = _lines(path)
     if not lines[0].startswith("PathFileType"):
         raise DataError(f"{path}:1: expected PathFileType, the first word of a TRC file")
@@ -272,7 +272,7 @@ def _read_trc(path: Path) -> Table:
     names = ("Frame#", "Time", *(f"{m} {axis}" for m in marker_names for axis in "XYZ"))
     rows = Rows(path, lines, cells, "\t", newline, _decimal(path, cells, "\t"))
     moving = tuple(range(2, width))
-    table = Table(rows, tuple(lines[:start]), names, cells, moving, 1, 0, ())
+    table = MotionTable(rows, tuple(lines[:start]), names, cells, moving, 1, 0, ())
     _check_numbers(table, start + 1)
     return table
 
@@ -291,7 +291,7 @@ def _check_widths(path: Path, cells: list[list[str]], first_line: int, width: in
             raise DataError(f"{path}:{number}: has {len(row)} cells, expected {width}{blank}")
 
 
-def _check_numbers(table: Table, first_line: int) -> None:
+def _check_numbers(table: MotionTable, first_line: int) -> None:
     """Every moving cell a number or empty; every clock a number that increases in each group."""
     rows = table.rows
     for number, row in enumerate(table.cells, start=first_line):
@@ -306,7 +306,7 @@ def _check_numbers(table: Table, first_line: int) -> None:
             _check_clock(table, column, members, first_line)
 
 
-def _check_clock(table: Table, column: int, members: list[int], first_line: int) -> None:
+def _check_clock(table: MotionTable, column: int, members: list[int], first_line: int) -> None:
     last = -math.inf
     for n in members:
         cell = table.cells[n][column]

@@ -15,7 +15,8 @@ from dance2pose.poses import Frame, Timeline
 from dance2pose.profiling import stage
 from dance2pose.progress import Progress
 from dance2pose.results import Shot
-from dance2pose.tracking.tracker import Tracker, TrackingSettings
+from dance2pose.tracking.settings import TrackingSettings
+from dance2pose.tracking.tracker import Tracker
 from dance2pose.video import FrameReader
 
 FrameListener = Callable[[Frame], None]

@@ -24,7 +24,7 @@ from dance2pose.poses import FloatArray
 # tails: then both hold about as often as they should.
 _WITHIN_1, _WITHIN_2 = 0.70, 0.95
 _NOISE = (0.5, 0.7, 1.0, 1.4)
-_LASTING = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
+_BIAS = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 _ROUNDS = 4
 
 
@@ -65,8 +65,8 @@ def fitted(found: Sequence[Case]) -> Calibration:
     """The factors with which about as many errors as should lie within one and two sigma, in every
     group of cases alike."""
     candidates = (
-        _with_joints(found, Calibration(noise=noise, lasting=lasting))
-        for noise, lasting in product(_NOISE, _LASTING)
+        _with_joints(found, Calibration(noise=noise, bias=bias))
+        for noise, bias in product(_NOISE, _BIAS)
     )
     return min(candidates, key=lambda c: _unfairness(found, c))
 

@@ -50,17 +50,6 @@ def noise(shape: tuple[int, ...], length: int, rng: np.random.Generator) -> Nois
     return Noise(np.asarray(offset), confidence, np.hypot(slow, white) if single else slow)
 
 
-def lasting_errors(
-    frames: int, rate_hz: float, rng: np.random.Generator, *, sigma_mm: float, lasting_s: float
-) -> FloatArray:
-    """Slow errors (T, J, 2) of one track: an Ornstein-Uhlenbeck process of each coordinate."""
-    keep = np.exp(-1 / (rate_hz * lasting_s))
-    out = rng.standard_normal((frames, JOINTS, 2))
-    for t in range(1, frames):
-        out[t] = keep * out[t - 1] + np.sqrt(1 - keep**2) * out[t]
-    return np.asarray(out * sigma_mm * _SCATTER[:, None])
-
-
 def _level(count: int, clean: float, most: float, rng: np.random.Generator) -> FloatArray:
     """Standard deviations (B,) mm, a part of them zero."""
     some = rng.random(count) >= clean

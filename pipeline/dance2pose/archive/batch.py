@@ -26,7 +26,8 @@ from dance2pose.archive.jobs import (
     Outcome,
 )
 from dance2pose.archive.layout import Archive
-from dance2pose.archive.ledger import Item, Ledger
+from dance2pose.archive.ledger import Ledger
+from dance2pose.archive.ledger_tables import Item
 from dance2pose.archive.options import BatchOptions
 from dance2pose.archive.quality import QualityLimits
 from dance2pose.archive.recipe import Recipe

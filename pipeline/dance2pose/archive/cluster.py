@@ -17,11 +17,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from dance2pose.archive.executors import Done
-from dance2pose.archive.fingerprints import model_files, sha256_of
+from dance2pose.archive.fingerprints import model_files
 from dance2pose.archive.jobs import Job, Outcome, failed
 from dance2pose.archive.recipe import Recipe
 from dance2pose.archive.workers import Limits, Worker
 from dance2pose.errors import Dance2PoseError, UsageError
+from dance2pose.file_hash import sha256_now
 from dance2pose.onnx_models.registry import located
 
 _CONNECT_S = 20
@@ -60,7 +61,7 @@ class DaskExecutor:
 
     def _send_models(self, recipe: Recipe) -> dict[Path, str]:
         """Have every model file on every worker, also on those that join later."""
-        hashes = {path: sha256_of(path) for path in model_files(recipe)}
+        hashes = {path: sha256_now(path) for path in model_files(recipe)}
         for path, sha256 in hashes.items():
             if sha256 not in self._sent:
                 self._client.register_plugin(_model_plugin(path.read_bytes(), sha256))
@@ -130,7 +131,7 @@ def model_cache() -> Path:
 def keep_model(content: bytes, sha256: str) -> None:
     """Put a model file into the cache, whole or not at all."""
     place = model_cache() / sha256
-    if place.is_file() and sha256_of(place) == sha256:
+    if place.is_file() and sha256_now(place) == sha256:
         return
     place.parent.mkdir(parents=True, exist_ok=True)
     part = place.with_name(f"{sha256}.{secrets.token_hex(4)}.part")

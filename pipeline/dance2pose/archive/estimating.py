@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dance2pose.archive.ledger import Item
+from dance2pose.archive.ledger_tables import Item
 from dance2pose.archive.recipe import Recipe
 from dance2pose.errors import Dance2PoseError
 from dance2pose.reconstruction import reconstruct

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from pathlib import Path
 
 from dance2pose.archive.recipe import Recipe
 from dance2pose.errors import UsageError
+from dance2pose.file_hash import sha256_now
 from dance2pose.onnx_models.manifest import manifest_path, read_manifest
 from dance2pose.onnx_models.registry import located
 
@@ -63,12 +63,5 @@ class Fingerprints:
 
     def file(self, path: Path) -> str:
         if path not in self._hashes:
-            self._hashes[path] = sha256_of(path)
+            self._hashes[path] = sha256_now(path)
         return self._hashes[path]
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a regular file in hex. Raises OSError; never waits, as a pipe would make it."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    with os.fdopen(descriptor, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

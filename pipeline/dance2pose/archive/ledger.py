@@ -7,69 +7,25 @@ be made again from the packages (`rebuilding`).
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import os
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from dance2pose.archive.jobs import Outcome
+from dance2pose.archive.ledger_tables import (
+    FORM,
+    TABLES,
+    Item,
+    State,
+    finite,
+    item_of,
+    json_text,
+    key_of,
+)
 from dance2pose.errors import DataError, OutputError
-
-State = Literal["waiting", "running", "done", "failed"]
-FORM = 1
-
-_TABLES = """
-CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS items (
-    item TEXT PRIMARY KEY, sha256 TEXT NOT NULL, overrides TEXT NOT NULL, path BLOB NOT NULL,
-    state TEXT NOT NULL, fingerprint TEXT NOT NULL, attempts INTEGER NOT NULL DEFAULT 0,
-    failure TEXT NOT NULL DEFAULT '', error TEXT NOT NULL DEFAULT '',
-    started REAL, finished REAL, seconds REAL, quality TEXT NOT NULL DEFAULT '{}');
-CREATE INDEX IF NOT EXISTS items_by_state ON items (state);
-CREATE INDEX IF NOT EXISTS items_by_content ON items (sha256, overrides);
-CREATE TABLE IF NOT EXISTS names (
-    path BLOB NOT NULL, overrides TEXT NOT NULL, item TEXT NOT NULL, name TEXT NOT NULL,
-    metadata TEXT NOT NULL, present INTEGER NOT NULL, PRIMARY KEY (path, overrides));
-CREATE INDEX IF NOT EXISTS names_by_item ON names (item);
-CREATE TABLE IF NOT EXISTS packages (
-    item TEXT NOT NULL, version INTEGER NOT NULL, fingerprint TEXT NOT NULL, sha256 TEXT NOT NULL,
-    made REAL NOT NULL, PRIMARY KEY (item, version));
-CREATE TABLE IF NOT EXISTS attempts (
-    item TEXT NOT NULL, version INTEGER NOT NULL, started REAL, ended REAL NOT NULL,
-    failure TEXT NOT NULL, error TEXT NOT NULL, worker TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS hashes (
-    path BLOB PRIMARY KEY, size INTEGER NOT NULL, changed_ns INTEGER NOT NULL,
-    sha256 TEXT NOT NULL);
-"""
-
-
-@dataclass(frozen=True)
-class Item:
-    """What the ledger knows of one video. version: of the newest package, 0 where there is none."""
-
-    item: str
-    sha256: str
-    overrides: dict[str, str]
-    path: Path
-    state: State
-    fingerprint: str
-    attempts: int = 0
-    failure: str = ""
-    error: str = ""
-    started: float | None = None
-    finished: float | None = None
-    seconds: float | None = None
-    quality: dict[str, Any] = field(default_factory=dict)
-    version: int = 0
-    names: tuple[str, ...] = ()
-    paths: tuple[Path, ...] = ()
-    metadata: tuple[dict[str, str], ...] = ()
-
 
 _ITEM = (
     "SELECT i.*, coalesce((SELECT max(version) FROM packages p WHERE p.item = i.item), 0)"
@@ -90,7 +46,7 @@ class Ledger:
             else:
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")
-                self._db.executescript(_TABLES)
+                self._db.executescript(TABLES)
             self._check_form(read_only)
 
     def _check_form(self, read_only: bool) -> None:
@@ -178,7 +134,7 @@ class Ledger:
 
     def by_content(self, sha256: str, overrides: dict[str, str]) -> Item | None:
         row = self._run(
-            f"{_ITEM} WHERE i.sha256 = ? AND i.overrides = ?", sha256, _key(overrides)
+            f"{_ITEM} WHERE i.sha256 = ? AND i.overrides = ?", sha256, key_of(overrides)
         ).fetchone()
         return None if row is None else self._item(row)
 
@@ -188,7 +144,7 @@ class Ledger:
             f"{_ITEM} JOIN names n ON n.item = i.item WHERE n.path = ? AND n.overrides = ?"
             " AND NOT EXISTS (SELECT 1 FROM names m WHERE m.item = i.item AND m.present)",
             os.fsencode(path),
-            _key(overrides),
+            key_of(overrides),
         ).fetchone()
         return None if row is None else self._item(row)
 
@@ -198,7 +154,7 @@ class Ledger:
             " VALUES (?, ?, ?, ?, 'waiting', '')",
             item,
             sha256,
-            _key(overrides),
+            key_of(overrides),
             os.fsencode(path),
         )
 
@@ -217,10 +173,10 @@ class Ledger:
         self._run(
             "INSERT OR REPLACE INTO names VALUES (?, ?, ?, ?, ?, 1)",
             os.fsencode(path),
-            _key(overrides),
+            key_of(overrides),
             item,
             name,
-            _json(metadata),
+            json_text(metadata),
         )
 
     def _all_names(self) -> dict[str, list[sqlite3.Row]]:
@@ -234,25 +190,7 @@ class Ledger:
             names = self._run(
                 "SELECT path, name, metadata FROM names WHERE item = ? ORDER BY rowid", row["item"]
             ).fetchall()
-        return Item(
-            item=row["item"],
-            sha256=row["sha256"],
-            overrides=json.loads(row["overrides"]),
-            path=Path(os.fsdecode(row["path"])),
-            state=row["state"],
-            fingerprint=row["fingerprint"],
-            attempts=row["attempts"],
-            failure=row["failure"],
-            error=row["error"],
-            started=row["started"],
-            finished=row["finished"],
-            seconds=row["seconds"],
-            quality=json.loads(row["quality"]),
-            version=row["version"],
-            names=tuple(name["name"] for name in names),
-            paths=tuple(Path(os.fsdecode(name["path"])) for name in names),
-            metadata=tuple(json.loads(name["metadata"]) for name in names),
-        )
+        return item_of(row, names)
 
     # How items go from state to state.
 
@@ -326,7 +264,7 @@ class Ledger:
                 outcome.started,
                 now,
                 outcome.seconds,
-                _json({name: _finite(value) for name, value in outcome.quality.items()}),
+                json_text({name: finite(value) for name, value in outcome.quality.items()}),
                 outcome.item,
             )
 
@@ -394,16 +332,3 @@ class Ledger:
             moment,
         ).fetchone()
         return row["n"], row["last"]
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value)  # ASCII: a name may hold what UTF-8 has no bytes for
-
-
-def _finite(value: Any) -> Any:
-    """SQLite's JSON knows no infinity and no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _key(overrides: dict[str, str]) -> str:
-    return json.dumps(overrides, sort_keys=True)

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from dance2pose import __version__
-from dance2pose.archive.fingerprints import sha256_of
 from dance2pose.archive.jobs import Job
 from dance2pose.errors import DataError
+from dance2pose.file_hash import sha256_now
 
 CARD = "item.json"
 _SOFTWARE = f"dance2pose {__version__}"
@@ -199,7 +199,7 @@ def problems(package: Path) -> list[str]:
 
 def _damage(name: str, path: Path, hashes: Mapping[str, str]) -> list[str]:
     try:
-        is_now = sha256_of(path)
+        is_now = sha256_now(path)
     except OSError as error:
         return [f"unreadable: {name}: {error.strerror}"]
     wanted = hashes.get("sha256", "").lower()

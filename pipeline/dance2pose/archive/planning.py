@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dance2pose.archive.fingerprints import Fingerprints, sha256_of
-from dance2pose.archive.ledger import Item, Ledger
+from dance2pose.archive.fingerprints import Fingerprints
+from dance2pose.archive.ledger import Ledger
+from dance2pose.archive.ledger_tables import Item
 from dance2pose.archive.recipe import Recipe
 from dance2pose.archive.sources import Entry, why_unreadable
 from dance2pose.errors import UsageError
+from dance2pose.file_hash import sha256_now
 from dance2pose.progress import Progress
 
 _HASHES_AT_ONCE = 20
@@ -115,7 +117,7 @@ class Planner:
             status = path.stat()
             sha256 = self._ledger.known_hash(path, status)
             if sha256 is None:
-                sha256 = sha256_of(path)
+                sha256 = sha256_now(path)
                 known.append((path, status, sha256))
             return sha256
         except OSError as error:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from dance2pose import __version__
-from dance2pose.archive.fingerprints import sha256_of
 from dance2pose.archive.jobs import Job
 from dance2pose.assets import models_folder
+from dance2pose.file_hash import sha256_now
 from dance2pose.provenance import Provenance, SourceFile
 
 _SHIPPED = (".npz", ".onnx")
@@ -27,7 +27,7 @@ def document(
         used[f"d2p:model-{role}"] = _entity(model, f"ONNX model: {role}")
     used.update(_shipped())
     made = {
-        f"d2p:output-{n}": {"prov:label": path.name, "d2p:sha256": sha256_of(path)}
+        f"d2p:output-{n}": {"prov:label": path.name, "d2p:sha256": sha256_now(path)}
         for n, path in enumerate(outputs, start=1)
     }
     return {
@@ -89,7 +89,7 @@ def _shipped() -> dict[str, dict[str, Any]]:
         f"d2p:shipped-{path.stem}": {
             "prov:type": "learned array or network that comes with dance2pose",
             "prov:label": path.name,
-            "d2p:sha256": sha256_of(path),
+            "d2p:sha256": sha256_now(path),
         }
         for path in sorted(models_folder().iterdir())
         if path.suffix in _SHIPPED and not path.name.startswith("demo_")

@@ -11,7 +11,8 @@ from urllib.parse import quote
 
 from dance2pose import __version__
 from dance2pose.archive.layout import Archive
-from dance2pose.archive.ledger import Item, Ledger
+from dance2pose.archive.ledger import Ledger
+from dance2pose.archive.ledger_tables import Item
 from dance2pose.archive.packages import one_line
 from dance2pose.archive.status import Status, read_status
 from dance2pose.output_files import written_whole

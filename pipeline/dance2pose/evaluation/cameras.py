@@ -102,14 +102,14 @@ def with_noise(scene: Scene, rng: np.random.Generator, *, sigma_mm: float) -> Sc
 
 
 def with_slow_errors(
-    scene: Scene, rng: np.random.Generator, *, sigma_mm: float, lasting_s: float
+    scene: Scene, rng: np.random.Generator, *, sigma_mm: float, correlation_s: float
 ) -> Scene:
     """Errors that last, as keypoint models make them while a pose looks alike.
 
     An Ornstein-Uhlenbeck process of each coordinate of each joint, with that standard deviation
     and correlation time.
     """
-    keep = np.exp(-1 / (scene.rate_hz * lasting_s))
+    keep = np.exp(-1 / (scene.rate_hz * correlation_s))
     off = rng.standard_normal(scene.xy.shape)
     for frame in range(1, len(off)):
         off[frame] = keep * off[frame - 1] + np.sqrt(1 - keep**2) * off[frame]

@@ -23,7 +23,7 @@ from dance2pose.evaluation.tables import Cell, Table
 from dance2pose.limits.learning import (
     Margins,
     ObservationSettings,
-    observe,
+    seen_directions,
     training_poses,
     widen,
 )
@@ -72,7 +72,7 @@ def trade_off(
         for fold in progress.track(range(FOLDS), f"{held_out} held out", total=FOLDS, unit="fold"):
             learn_on, test_on = _split(takes, fold, group_of)
             poses, take = training_poses(learn_on, ObservationSettings.rate_hz)
-            seen = observe(poses, takes[0].skeleton, take=take)
+            seen = seen_directions(poses, takes[0].skeleton, take=take)
             poses = _poses(test_on)
             for column, margins in zip(scores, MARGINS, strict=True):
                 column.append(score(widen(seen, margins), poses, np.random.default_rng(seed)))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dance2pose.angles import joint_angles
+from dance2pose.holes import unbroken
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
 
@@ -137,12 +138,7 @@ def _unit_energy(values: FloatArray) -> FloatArray:
 
 
 def _longest_run(flags: BoolArray) -> slice:
-    edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
-    if not len(edges):
-        return slice(0, 0)
-    starts, stops = edges[::2], edges[1::2]
-    best = int((stops - starts).argmax())
-    return slice(int(starts[best]), int(stops[best]))
+    return max(unbroken(flags), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
 def bone_length_range(xyz: FloatArray, skeleton: Skeleton) -> float:

@@ -38,7 +38,7 @@ from dance2pose.skeleton import get
 
 # Keypoint models err alike for as long as a pose looks alike: slow errors of this size and
 # duration, and white ones beside them.
-SLOW_MM, SLOW_LASTING_S, BESIDE_SLOW_MM = 15.0, 1.0, 5.0
+SLOW_MM, SLOW_CORRELATION_S, BESIDE_SLOW_MM = 15.0, 1.0, 5.0
 
 
 # What the tables are about, for the report.
@@ -49,8 +49,8 @@ DESCRIPTION = (
     f"{LOWEST_MM / 1000:g} to {HIGHEST_MM / 1000:g} m above the floor, pointed at the middle of "
     f"the dancer's path, at least {NEAREST_MM / 1000:g} m away and far enough to see all of it, "
     f"field of view {FOV_DEG:g}° and known. Slow errors: an Ornstein-Uhlenbeck process of each "
-    f"coordinate with a correlation time of {SLOW_LASTING_S:g} s. Straight: knees and elbows bent "
-    f"by less than {STRAIGHT_DEG:g}°. σ aims at 68 and 95 %."
+    f"coordinate with a correlation time of {SLOW_CORRELATION_S:g} s. Straight: knees and elbows "
+    f"bent by less than {STRAIGHT_DEG:g}°. σ aims at 68 and 95 %."
 )
 
 
@@ -70,7 +70,7 @@ def spoilings(settings: EvaluationSettings) -> tuple[Spoiling, ...]:
         return scene
 
     def as_keypoint_models(scene: Scene, rng: np.random.Generator) -> Scene:
-        slow = with_slow_errors(scene, rng, sigma_mm=SLOW_MM, lasting_s=SLOW_LASTING_S)
+        slow = with_slow_errors(scene, rng, sigma_mm=SLOW_MM, correlation_s=SLOW_CORRELATION_S)
         return with_noise(slow, rng, sigma_mm=BESIDE_SLOW_MM)
 
     return (

@@ -39,12 +39,12 @@ from dance2pose.skeleton import get
 def paper_part(
     report: Report, takes: Sequence[Take], settings: EvaluationSettings, progress: Progress
 ) -> None:
-    windows = tuple(sorted({*WINDOWS, settings.window}))
+    windows = _windows(settings)
     seen = partial(scenes, takes, tilt_deg=settings.tilt_deg, seed=settings.seed)
     native = seen(views=1)
     slow = seen(views=settings.views, rate_hz=settings.rate_hz)
     one = seen(views=1, rate_hz=settings.rate_hz)
-    at_rate = f"{settings.rate_hz:g} frames a second"
+    at_rate = _at_rate(settings)
     results = {
         "native rate": run_smoothed(
             PAPER, native, native, paper_variants(windows), progress, "native rate"
@@ -68,21 +68,38 @@ def paper_part(
         _figure_2(report, results["native rate, as written"], settings.window)
     report.table(absolute_table(results, settings.window))
     report.table(window_table(results, windows))
+    _noise_section(report, one, settings, progress)
+    smooth = _smoothness_section(report, one, settings, progress)
+    report.heading("Where this differs from the paper", _difference(results, smooth, settings))
+    if settings.ablate:
+        report.heading("Ablation of the paper's lifter", f"One camera a take, {at_rate}.")
+        report.table(ablation_table(one, settings, progress))
+
+
+def _noise_section(
+    report: Report, one: Sequence[Scene], settings: EvaluationSettings, progress: Progress
+) -> None:
     noise, noise_percent = noise_tables(one, settings, progress)
     report.heading(
         "Noise",
         "Gaussian noise on the 2D input, one camera a take, "
-        f"{at_rate}. SNR = 10 log10(P_signal / P_noise); P_signal is the mean square of the "
-        "coordinates about the hip. (The paper's text has the sense of the ratio upside down.)",
+        f"{_at_rate(settings)}. SNR = 10 log10(P_signal / P_noise); P_signal is the mean square of "
+        "the coordinates about the hip. (The paper's text has the sense of the ratio upside down.)",
     )
     report.table(noise)
     report.table(noise_percent)
     if plots.available():
         _figure_noise(report, noise)
-    smooth = run_smoothed(PAPER, one, one, smoothness_variants(windows), progress, "smoothness")
+
+
+def _smoothness_section(
+    report: Report, one: Sequence[Scene], settings: EvaluationSettings, progress: Progress
+) -> Smoothed:
+    variants = smoothness_variants(_windows(settings))
+    smooth = run_smoothed(PAPER, one, one, variants, progress, "smoothness")
     report.heading(
         "Smoothness",
-        f"Every temporal model at {at_rate}, one camera a take. "
+        f"Every temporal model at {_at_rate(settings)}, one camera a take. "
         "Jerk is that of the result relative to that of the true motion: below 1, motion itself "
         "is lost. The lag is the peak of the cross-correlation with the truth; a late result is "
         "positive.",
@@ -93,10 +110,15 @@ def paper_part(
     else:
         report.parts.append(f"({plots.WHY_NO_PLOTS})")
         progress.say(plots.WHY_NO_PLOTS)
-    report.heading("Where this differs from the paper", _difference(results, smooth, settings))
-    if settings.ablate:
-        report.heading("Ablation of the paper's lifter", f"One camera a take, {at_rate}.")
-        report.table(ablation_table(one, settings, progress))
+    return smooth
+
+
+def _windows(settings: EvaluationSettings) -> tuple[int, ...]:
+    return tuple(sorted({*WINDOWS, settings.window}))
+
+
+def _at_rate(settings: EvaluationSettings) -> str:
+    return f"{settings.rate_hz:g} frames a second"
 
 
 def _difference(

@@ -71,7 +71,7 @@ def _feet(skeleton: str) -> list[int]:
 
 def _positions(track: Track3D) -> FloatArray:
     assert track.root is not None
-    return np.asarray((track.xyz + track.root[:, None]) * BODY_HEIGHT_MM)
+    return np.asarray(track.world_xyz * BODY_HEIGHT_MM)
 
 
 def path_table(takes: Sequence[Take], settings: EvaluationSettings, progress: Progress) -> Table:

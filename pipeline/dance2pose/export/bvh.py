@@ -24,7 +24,7 @@ _TURNS = " ".join(f"{axis}rotation" for axis in _ORDER)
 def write_bvh(path: Path, scene: ExportScene) -> tuple[str, ...]:
     """Write the one dancer of the scene; returns what the form could not keep, in sentences."""
     (dancer,) = scene.dancers
-    motion = even(dancer.poses.time_s, dancer.places, frame=dancer.poses.frame)
+    motion = even(dancer.poses.time_s, dancer.poses.world_xyz, frame=dancer.poses.frame)
     xyz = bridged(motion.time_s, motion.xyz)
     rig = make_rig(motion.time_s, xyz, dancer.skeleton)
     path.write_text(bvh_text(rig, motion.rate), encoding="ascii")

@@ -127,7 +127,7 @@ def _placed(scene: ExportScene) -> tuple[FloatArray, list[str]]:
         return places, []
     middle = (len(places) - 1) / 2
     places[:, 0] = (np.arange(len(places)) - middle) * SPACING[scene.unit]
-    places[:, 1] = [-np.nan_to_num(floor_height(p.places)) for p in scene.dancers]
+    places[:, 1] = [-np.nan_to_num(floor_height(p.poses.world_xyz)) for p in scene.dancers]
     return places, ["dancers stand on the floor side by side: their path is not known"]
 
 
@@ -137,7 +137,7 @@ def _add_dancer(
     """Nodes, skin, mesh and animation of one dancer; the nodes at the top of the scene."""
     poses, gltf = dancer.poses, build.gltf
     known = is_known(poses.xyz)
-    xyz = bridged(poses.time_s, dancer.places)
+    xyz = bridged(poses.time_s, dancer.poses.world_xyz)
     rig = make_rig(poses.time_s, xyz, dancer.skeleton)
     top = build.add("nodes", gltf.Node(name=dancer.name, translation=place.tolist(), children=[]))
     first = top + 1

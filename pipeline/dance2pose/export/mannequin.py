@@ -66,7 +66,7 @@ class _Part:
 def make_mesh(rig: Rig, skeleton: Skeleton) -> Mesh:
     """The mannequin of a rig; sizes follow the length of its trunk."""
     height = rig.lengths[0] * _HEIGHT_PER_TRUNK
-    rest, places = rest_directions(skeleton), _rest_places(rig)
+    rest, places = rest_directions(skeleton), _rest_positions(rig)
     parts = []
     for i, node in enumerate(rig.nodes):
         if node.bone is None:
@@ -93,7 +93,7 @@ def _side(joint: str) -> Side:
     return next((side for side in SIDES if joint.startswith(f"{side}_")), "middle")
 
 
-def _rest_places(rig: Rig) -> FloatArray:
+def _rest_positions(rig: Rig) -> FloatArray:
     """(N, 3) places of the nodes at rest, the root at the origin."""
     places = np.zeros((len(rig.nodes), 3))
     for i, node in enumerate(rig.nodes):

@@ -33,7 +33,7 @@ def write_netcdf(path: Path, scene: ExportScene) -> tuple[str, ...]:
     position = np.full((len(times), 3, len(joints), len(scene.dancers)), np.nan)
     for i, dancer in enumerate(scene.dancers):
         rows = np.searchsorted(times, dancer.poses.time_s)
-        position[rows, :, :, i] = dancer.places.transpose(0, 2, 1)
+        position[rows, :, :, i] = dancer.poses.world_xyz.transpose(0, 2, 1)
     if position.nbytes > _MAX_BYTES:
         raise UsageError(f"{path}: {len(times)} frames are too many for netCDF; use .parquet")
     with netcdf_file(str(path), "w", version=2) as file:

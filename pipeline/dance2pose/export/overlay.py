@@ -98,8 +98,8 @@ class _Drawing:
         ]
         self._places = []
         for p in scene.dancers:
-            floor = np.nan_to_num(floor_height(p.places)) if p.poses.root is None else 0.0
-            self._places.append(p.places - np.array([0.0, float(floor), 0.0]))
+            floor = np.nan_to_num(floor_height(p.poses.world_xyz)) if p.poses.root is None else 0.0
+            self._places.append(p.poses.world_xyz - np.array([0.0, float(floor), 0.0]))
         everywhere = np.concatenate([places.reshape(-1, 3) for places in self._places])
         room_width = _even(max(0.75 * self._size[1], 0.5 * self._size[0]))
         self._room = Room.around(everywhere, (room_width, self._size[1]))

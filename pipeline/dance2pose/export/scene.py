@@ -10,7 +10,7 @@ from typing import Any
 
 from dance2pose import __version__
 from dance2pose.errors import UsageError
-from dance2pose.poses import FloatArray, Track2D, Track3D, Unit
+from dance2pose.poses import Track2D, Track3D, Unit
 from dance2pose.skeleton import Skeleton, get
 
 AXES = "x right, y up, z towards the viewer; right-handed"
@@ -34,12 +34,6 @@ class SceneDancer:
     @property
     def skeleton(self) -> Skeleton:
         return get(self.poses.skeleton)
-
-    @property
-    def places(self) -> FloatArray:
-        """(T, J, 3) joints in the world: on the dancer's path where it is known, else about 0."""
-        root = self.poses.root
-        return self.poses.xyz if root is None else self.poses.xyz + root[:, None]
 
 
 @dataclass(frozen=True)

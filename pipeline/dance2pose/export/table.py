@@ -61,7 +61,7 @@ def wide_columns(dancer: SceneDancer) -> Columns:
     """Columns (T,) of one dancer by name."""
     poses, unit = dancer.poses, UNIT_SUFFIX[dancer.poses.unit]
     columns = _row_columns(dancer)
-    places = dancer.places
+    places = dancer.poses.world_xyz
     for j, joint in enumerate(dancer.skeleton.joints):
         for axis, letter in enumerate("xyz"):
             columns[f"{joint}_{letter}_{unit}"] = places[:, j, axis]
@@ -80,7 +80,7 @@ def long_columns(dancer: SceneDancer) -> Columns:
     frames, joints = poses.xyz.shape[:2]
     columns = {name: np.repeat(values, joints) for name, values in _row_columns(dancer).items()}
     columns["joint"] = np.tile(dancer.skeleton.joints, frames)
-    places = dancer.places
+    places = dancer.poses.world_xyz
     for axis, letter in enumerate("xyz"):
         columns[f"{letter}_{unit}"] = places[..., axis].ravel()
     if poses.sigma is not None:

@@ -28,7 +28,8 @@ class Together:
 def on_one_clock(scene: ExportScene) -> Together:
     """All dancers at the highest of their rates, from the first of their frames to the last."""
     rate = max(frame_rate(p.poses.time_s) for p in scene.dancers)
-    motions = [even(p.poses.time_s, p.places, rate, frame=p.poses.frame) for p in scene.dancers]
+    tracks = [dancer.poses for dancer in scene.dancers]
+    motions = [even(track.time_s, track.world_xyz, rate, frame=track.frame) for track in tracks]
     first = min(m.first for m in motions)
     last = max(m.first + len(m.xyz) for m in motions)
     return Together(rate, first, np.concatenate([_placed(m, first, last) for m in motions], axis=1))

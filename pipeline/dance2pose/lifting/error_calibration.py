@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,41 +22,49 @@ METADATA = "error_calibration"
 
 @dataclass(frozen=True)
 class ErrorParts:
-    """What poses (N, J) err by, mm. pose: what the network feared of a joint and the solution left
-    of it. noise: jitter of the keypoints. lasting_mm: standard deviation of those errors of the
-    keypoints that last, as the track shows them or as they are stated."""
+    """What poses (N, J) err by, mm. pose: what the network expected of a joint and the solution
+    left of it. noise: jitter of the keypoints. bias_mm: standard deviation of those errors of the
+    keypoints that last from frame to frame, as the track shows them or as they are stated."""
 
     pose: FloatArray
     noise: FloatArray
-    lasting_mm: float
+    bias_mm: float
 
     def on_rows(self, rows: IntArray, frames: int) -> ErrorParts:
         """The same for `frames` frames of which these are some; NaN in the others."""
         pose, noise = np.full((2, frames, self.pose.shape[1]), np.nan)
         pose[rows], noise[rows] = self.pose, self.noise
-        return ErrorParts(pose, noise, self.lasting_mm)
+        return ErrorParts(pose, noise, self.bias_mm)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Factors of the parts: joints (J,) of `pose`, noise and lasting of the others. Both of the
+    """Factors of the parts: joints (J,) of `pose`, noise and bias of the others. Both of the
     latter are about the number of directions that an error of the picture becomes in space: the
     joint's own, the first joint's, which is the origin, and the depths that follow from them."""
 
     joints: tuple[float, ...] = field(default=(1.0,) * 17)
     noise: float = 1.4
-    lasting: float = 2.5
+    bias: float = 2.5
 
     def sigma(self, parts: ErrorParts) -> FloatArray:
         """(N, J) mm."""
         pose = np.array(self.joints) * parts.pose
-        beside = np.hypot(self.noise * parts.noise, self.lasting * parts.lasting_mm)
+        beside = np.hypot(self.noise * parts.noise, self.bias * parts.bias_mm)
         return np.asarray(np.hypot(pose, beside))
 
 
 def written(sequence: Calibration, pictures: Calibration) -> str:
     """Both calibrations as text for the network's metadata."""
-    return json.dumps({"sequence": asdict(sequence), "pictures": asdict(pictures)})
+    return json.dumps({"sequence": _as_kept(sequence), "pictures": _as_kept(pictures)})
+
+
+def _as_kept(calibration: Calibration) -> dict[str, object]:
+    return {
+        "joints": calibration.joints,
+        "noise": calibration.noise,
+        "lasting": calibration.bias,  # as networks that were written before this have it
+    }
 
 
 def read(metadata: Mapping[str, str], *, pictures: bool) -> Calibration:

@@ -161,7 +161,7 @@ def _reprojected(poses: Track3D, track: Track2D, options: LiftOptions) -> Track3
         return poses
     observed = observe(track, camera=options.camera_model)
     seen = observed.xy * np.array([1.0, -1.0])
-    drawn = poses.viewpoint.project(poses.xyz + poses.root[:, None])
+    drawn = poses.viewpoint.project(poses.world_xyz)
     return replace(poses, reprojection_error=np.linalg.norm(drawn - seen, axis=2))
 
 

@@ -1,7 +1,7 @@
 """Learning joint-angle limits from motion capture (after Akhter & Black, CVPR 2015, section 3).
 
-`observe` sums up what a corpus shows; `widen` turns that into limits with a margin, so that one
-pass over the corpus serves every margin that is tried.
+`seen_directions` sums up what a corpus shows; `widen` turns that into limits with a margin, so that
+one pass over the corpus serves every margin that is tried.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class ObservationSettings:
 
 
 @dataclass(frozen=True)
-class Observed:
+class SeenDirections:
     """What a corpus shows of the limited bones of one skeleton, without any margin.
 
     distance_deg: (B_torso, 120, 60) angle from a bin's centre to the nearest seen direction.
@@ -86,13 +86,13 @@ def training_poses(takes: list[Take], rate_hz: float) -> tuple[FloatArray, IntAr
     return both, np.tile(number, 2)
 
 
-def observe(
+def seen_directions(
     xyz: FloatArray,
     skeleton: str,
     settings: ObservationSettings | None = None,
     *,
     take: IntArray | None = None,
-) -> Observed:
+) -> SeenDirections:
     """Sum up the poses (N, J, 3) of a lifting skeleton, any unit, all joints known.
 
     take: (N,) the number of the take that each pose is from; by default all are from one.
@@ -116,7 +116,7 @@ def observe(
         regions.append(fitted)
         count += len(fitted)
     table = np.concatenate(regions)
-    return Observed(
+    return SeenDirections(
         skeleton,
         np.array([references[bone] for bone in bones]),
         np.array([_distance(frames.local[bone], settings) for bone in torso]),
@@ -130,28 +130,28 @@ def observe(
 
 
 def widen(
-    observed: Observed, margins: Margins | None = None, metadata: dict[str, Any] | None = None
+    seen: SeenDirections, margins: Margins | None = None, metadata: dict[str, Any] | None = None
 ) -> Limits:
     """Limits that lie the given margins beyond what was observed."""
     margins = margins or Margins()
     angle = np.radians(margins.region_deg)
-    low = np.arcsin(np.clip(observed.low, -1, 1)) - angle
-    high = np.arcsin(np.clip(observed.high, -1, 1)) + angle
+    low = np.arcsin(np.clip(seen.low, -1, 1)) - angle
+    high = np.arcsin(np.clip(seen.high, -1, 1)) + angle
     high[:, 0] = np.pi / 2  # a half-space has one side
     # A side that the margin takes past the end of the sphere limits nothing.
     low = np.where(low <= -np.pi / 2, -2.0, np.sin(low))
     high = np.where(high >= np.pi / 2, 2.0, np.sin(high))
     return Limits(
-        observed.skeleton,
-        body_frames.limited_bones(observed.skeleton),
-        observed.references,
-        observed.distance_deg <= margins.occupancy_deg,
-        observed.region,
-        observed.axes.astype(np.float32),
+        seen.skeleton,
+        body_frames.limited_bones(seen.skeleton),
+        seen.references,
+        seen.distance_deg <= margins.occupancy_deg,
+        seen.region,
+        seen.axes.astype(np.float32),
         low.astype(np.float32),
         high.astype(np.float32),
-        observed.takes,
-        (metadata or {}) | {"settings": asdict(observed.settings) | asdict(margins)},
+        seen.takes,
+        (metadata or {}) | {"settings": asdict(seen.settings) | asdict(margins)},
     )
 
 

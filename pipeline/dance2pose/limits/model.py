@@ -11,7 +11,7 @@ Bones are named by the joint they end at; in (..., J - 1) flags bone b ends at j
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -52,11 +52,6 @@ class Verdict:
     def refused(self) -> BoolArray:
         """(..., J - 1) True where many takes went as far as the limit and none beyond."""
         return np.asarray(~self.valid & (self.takes >= FEWEST_TAKES))
-
-    @property
-    def never_seen(self) -> BoolArray:
-        """(..., J - 1) True outside limits that hardly any take came near."""
-        return np.asarray(~self.valid & (self.takes < FEWEST_TAKES))
 
 
 @dataclass(frozen=True)
@@ -215,13 +210,3 @@ def _check(limits: Limits, path: Path) -> None:
             raise DataError(f"{path}: {name} has shape {found}, expected {shape}")
     if limits.region.size and not 0 <= limits.region.min() <= limits.region.max() < rows:
         raise DataError(f"{path}: region points outside the {rows} regions")
-
-
-def without_limits(limits: Limits) -> Limits:
-    """The same bones with every direction allowed (ablation)."""
-    return replace(
-        limits,
-        occupancy=np.ones_like(limits.occupancy),
-        low=np.full_like(limits.low, -2),
-        high=np.full_like(limits.high, 2),
-    )

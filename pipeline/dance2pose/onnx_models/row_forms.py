@@ -180,8 +180,8 @@ def _mmdetection_family(graph: Graph) -> tuple[dict[str, object], list[str]]:
     name = graph.session.path.name.lower()
     if word == "rtm_cls" or (word is None and "rtmdet" in name):
         why = f"weights named {word}" if word else "file name"
-        said = f"BGR with mean and std as RTMDet is trained ({why})"
-        return {**RTMDET_INPUT, "score_threshold": 0.3}, [said]
+        note = f"BGR with mean and std as RTMDet is trained ({why})"
+        return {**RTMDET_INPUT, "score_threshold": 0.3}, [note]
     if word or "yolox" in name:
         why = f"weights named {word}" if word else "file name"
         return {**YOLOX_INPUT, "score_threshold": 0.3}, [f"BGR 0-255 as YOLOX is trained ({why})"]

@@ -34,10 +34,10 @@ def read_annotations(path: Path, content: Any) -> Content:
     if not isinstance(images, list):
         raise DataError(f"{path}: images is of type {type(images).__name__}")
     found = Content("COCO annotations", [])
-    places = _Places()
+    named = _NamedPictures()
     for n, image in enumerate(images):
         require(path, image, ("id",), f"images[{n}]")
-        places.add(_picture(image), image["id"])
+        named.add(_picture(image), image["id"])
     categories = content.get("categories")
     kinds = _person_categories(categories)
     found.joints = _joint_names(categories, kinds)
@@ -50,9 +50,9 @@ def read_annotations(path: Path, content: Any) -> Content:
         elif isinstance(one, dict) and one.get("iscrowd") == 1:
             crowds += 1
         else:
-            _add(path, one, inside, places, flags=flags, corner_and_size=True)
-    found.pictures = places.pictures
-    _say(found, left_out, crowds, places.empty)
+            _add(path, one, inside, named, flags=flags, corner_and_size=True)
+    found.pictures = named.pictures
+    _say(found, left_out, crowds, named.empty)
     return found
 
 
@@ -66,23 +66,23 @@ def is_results(content: Any) -> bool:
 
 def read_results(path: Path, content: Any) -> Content:
     """A list of people with `image_id` and `keypoints`; what names no person is left out."""
-    places = _Places()
+    named = _NamedPictures()
     kinds = {one["category_id"] for one in content if _has_category(one)}
     person = _PERSON if _PERSON in kinds else None
     left_out = 0
     for n, one in enumerate(content):
         if one is None or one == {}:
-            places.empty += 1
+            named.empty += 1
         elif person is not None and _has_category(one) and one["category_id"] != person:
             left_out += 1
         else:
-            _add(path, one, f"[{n}]", places, flags=False, corner_and_size=True)
-    found = Content("keypoint results (COCO, AlphaPose)", places.pictures)
-    _say(found, left_out, 0, places.empty)
+            _add(path, one, f"[{n}]", named, flags=False, corner_and_size=True)
+    found = Content("keypoint results (COCO, AlphaPose)", named.pictures)
+    _say(found, left_out, 0, named.empty)
     return found
 
 
-class _Places:
+class _NamedPictures:
     """The pictures by what the entries call them, in the order of the file."""
 
     def __init__(self) -> None:
@@ -123,21 +123,21 @@ def _picture(image: dict[str, Any]) -> Picture:
 
 
 def _add(
-    path: Path, one: Any, inside: str, places: _Places, *, flags: bool, corner_and_size: bool
+    path: Path, one: Any, inside: str, named: _NamedPictures, *, flags: bool, corner_and_size: bool
 ) -> None:
     require(path, one, ("image_id", "keypoints"), inside)
     if not isinstance(one["image_id"], (int, str, float)):
         raise DataError(f"{path}: {inside}.image_id is of type {type(one['image_id']).__name__}")
     numbers = entry(path, one, "keypoints", list, inside)
     where = f"{path}: {inside}.keypoints"
-    picture = places.of(one)
+    picture = named.of(one)
     if not numbers:
-        places.empty += 1
+        named.empty += 1
         return
     keypoints = points(numbers, where, first(one, "keypoint_scores", "keypoints_scores"))
     if flags:
         if not keypoints[:, 2].any():  # every keypoint is flagged absent
-            places.empty += 1
+            named.empty += 1
             return
         keypoints[:, 2] = keypoints[:, 2] > 0
     picture.people.append(

@@ -96,21 +96,21 @@ def is_wide(rows: Rows) -> bool:
 def read_wide(path: Path, rows: Rows) -> Content:
     """Columns grouped by the joint that their names hold."""
     columns = _Columns(rows.cells[0])
-    places = _wide_joints(rows.cells[0])
-    _refuse_space(path, places)
+    axes_of = _wide_joints(rows.cells[0])
+    _refuse_space(path, axes_of)
     entries = []
     for n, row in enumerate(rows.cells[1:], start=2):
         if not "".join(row).strip():
             continue
         _check_width(path, row, len(columns.lower), n)
-        keypoints = np.full((len(places), 3), np.nan)
-        for j, axes in enumerate(places.values()):
+        keypoints = np.full((len(axes_of), 3), np.nan)
+        for j, axes in enumerate(axes_of.values()):
             keypoints[j, 0] = _number(rows, path, n, row, axes["x"])
             keypoints[j, 1] = _number(rows, path, n, row, axes["y"])
             sure = axes.get("sure")
             keypoints[j, 2] = 1.0 if sure is None else _number(rows, path, n, row, sure)
         entries.append((row, _cell(row, columns.person), keypoints))
-    return _content(path, rows, columns, entries, tuple(places))
+    return _content(path, rows, columns, entries, tuple(axes_of))
 
 
 def _wide_joints(header: Sequence[str]) -> dict[str, dict[str, int]]:
@@ -131,9 +131,9 @@ def _wide_joints(header: Sequence[str]) -> dict[str, dict[str, int]]:
     return {}
 
 
-def _refuse_space(path: Path, places: dict[str, dict[str, int]]) -> None:
+def _refuse_space(path: Path, axes_of: dict[str, dict[str, int]]) -> None:
     """Three coordinates and no confidence are positions in space; MediaPipe's 33 have a depth."""
-    if len(places) != 33 and all("z" in axes and "sure" not in axes for axes in places.values()):
+    if len(axes_of) != 33 and all("z" in axes and "sure" not in axes for axes in axes_of.values()):
         raise DataError(f"{path}: holds 3D positions (x, y, z), expected 2D keypoints")
 
 

@@ -15,7 +15,8 @@ from dance2pose.reading.content import Float64Array, Picture, Sighting
 from dance2pose.reading.numbering import Numbered
 from dance2pose.tracking.choosing import choose
 from dance2pose.tracking.gaps import fill_gaps
-from dance2pose.tracking.tracker import Tracker, TrackingSettings
+from dance2pose.tracking.settings import TrackingSettings
+from dance2pose.tracking.tracker import Tracker
 
 # Pictures that a file leaves out are rows without anyone, as if it had listed them; of a longer
 # hole only the first, for nobody is followed or filled in across it.
@@ -26,8 +27,12 @@ _MOST_KEYPOINTS = 150_000_000
 
 
 @dataclass(frozen=True)
-class Clock:
-    """When each picture is: by the file's own times, or by frame number over frame rate."""
+class VideoFacts:
+    """What holds for all pictures of a file.
+
+    frame_rate: pictures a second, None where each has its own time. size: (width, height) px.
+    skeleton: of the keypoints. settings: how people are followed.
+    """
 
     frame_rate: float | None
     size: tuple[int, int]
@@ -36,26 +41,26 @@ class Clock:
 
 
 def follow(
-    videos: Sequence[Numbered], clock: Clock, person: str | int, *, one_person: bool
+    videos: Sequence[Numbered], facts: VideoFacts, person: str | int, *, one_person: bool
 ) -> tuple[list[Track2D], list[str]]:
     """The tracks of all videos, each video a shot of its own, and what is to be said."""
     tracks: list[Track2D] = []
     lengths: dict[int, int] = {}
     notes: list[str] = []
     for shot, video in enumerate(videos):
-        listed, pictures = _with_absent_frames(video, clock.frame_rate)
-        times = _times(listed, pictures, clock.frame_rate)
+        listed, pictures = _with_absent_frames(video, facts.frame_rate)
+        times = _times(listed, pictures, facts.frame_rate)
         if one_person or _are_identified(pictures):
-            found, said = _by_identity(listed, times, pictures, clock)
+            found, said = _by_identity(listed, times, pictures, facts)
             notes += [note for note in said if note not in notes]
         else:
-            found = _by_tracker(listed, times, pictures, clock)
+            found = _by_tracker(listed, times, pictures, facts)
         lengths[shot] = len(listed)
         tracks += [replace(track, shot=shot) for track in found]
     return choose(tracks, person, frames_of_shot=lengths), notes
 
 
-def surest(video: Numbered, clock: Clock) -> Track2D:
+def surest(video: Numbered, facts: VideoFacts) -> Track2D:
     """Unrelated pictures: one row a picture, its surest person, NaN where there is none."""
     rows = {
         row: max(picture.people, key=lambda person: person.score)
@@ -63,7 +68,7 @@ def surest(video: Numbered, clock: Clock) -> Track2D:
         if picture.people
     }
     times = np.arange(len(video.pictures), dtype=np.float64)
-    return _track(np.array(video.frames, np.int64), times, rows, clock, threshold=0.0, fill_s=None)
+    return _track(np.array(video.frames, np.int64), times, rows, facts, threshold=0.0, fill_s=None)
 
 
 def _with_absent_frames(
@@ -116,10 +121,10 @@ def _are_identified(pictures: Sequence[Picture]) -> bool:
 
 
 def _by_tracker(
-    frames: Sequence[int], times: Float64Array, pictures: Sequence[Picture], clock: Clock
+    frames: Sequence[int], times: Float64Array, pictures: Sequence[Picture], facts: VideoFacts
 ) -> list[Track2D]:
-    tracker = Tracker(clock.skeleton, clock.size, clock.settings)
-    joints = len(skeletons.get(clock.skeleton))
+    tracker = Tracker(facts.skeleton, facts.size, facts.settings)
+    joints = len(skeletons.get(facts.skeleton))
     for frame, time_s, picture in zip(frames, times, pictures, strict=True):
         keypoints = np.array([p.keypoints for p in picture.people]).reshape(-1, joints, 3)
         boxes = np.array([_box(k) for k in keypoints]).reshape(-1, 4)
@@ -127,21 +132,21 @@ def _by_tracker(
             frame,
             float(time_s),
             Boxes(boxes, np.array([p.score for p in picture.people])),
-            Poses2D(keypoints[:, :, :2], keypoints[:, :, 2], clock.skeleton),
+            Poses2D(keypoints[:, :, :2], keypoints[:, :, 2], facts.skeleton),
             cut=False,
         )
     return tracker.finish("all")
 
 
 def _by_identity(
-    frames: Sequence[int], times: Float64Array, pictures: Sequence[Picture], clock: Clock
+    frames: Sequence[int], times: Float64Array, pictures: Sequence[Picture], facts: VideoFacts
 ) -> tuple[list[Track2D], list[str]]:
     everyone: dict[str, dict[int, Sighting]] = {}
     for row, picture in enumerate(pictures):
         for person in picture.people:
-            if _is_a_pose(person, clock.settings):
+            if _is_a_pose(person, facts.settings):
                 everyone.setdefault(person.identity or "", {})[row] = person
-    least = min(clock.settings.birth_sights, len(frames))
+    least = min(facts.settings.birth_sights, len(frames))
     kept = {who: rows for who, rows in everyone.items() if len(rows) >= least}
     notes = []
     if len(everyone) > 1:
@@ -149,7 +154,7 @@ def _by_identity(
     if len(kept) < len(everyone):
         dropped = len(everyone) - len(kept)
         notes.append(f"{dropped} people seen in fewer than {least} frames are left out")
-    joints = len(skeletons.get(clock.skeleton))
+    joints = len(skeletons.get(facts.skeleton))
     if sum(max(rows) - min(rows) + 1 for rows in kept.values()) * joints > _MOST_KEYPOINTS:
         raise DataError(f"{len(kept)} people over {len(frames)} frames are too many to be followed")
     tracks = []
@@ -160,9 +165,9 @@ def _by_identity(
                 np.array(frames[first : last + 1], np.int64),
                 times[first : last + 1],
                 {row - first: person for row, person in rows.items()},
-                clock,
-                threshold=clock.settings.min_confidence,
-                fill_s=clock.settings.longest_gap_s,
+                facts,
+                threshold=facts.settings.min_confidence,
+                fill_s=facts.settings.longest_gap_s,
             )
         )
     return tracks, notes
@@ -177,13 +182,13 @@ def _track(
     frames: FloatArray,
     times: Float64Array,
     rows: dict[int, Sighting],
-    clock: Clock,
+    facts: VideoFacts,
     *,
     threshold: float,
     fill_s: float | None,
 ) -> Track2D:
     """One person's rows as a track; short gaps are filled as the tracker fills them."""
-    length, joints = len(frames), len(skeletons.get(clock.skeleton))
+    length, joints = len(frames), len(skeletons.get(facts.skeleton))
     keypoints = np.full((length, joints, 3), np.nan)
     keypoints[:, :, 2] = 0
     for row, person in rows.items():
@@ -201,8 +206,8 @@ def _track(
         confidence=keypoints[:, :, 2],
         time_s=times,
         frame=frames,
-        skeleton=clock.skeleton,
-        image_size=clock.size,
+        skeleton=facts.skeleton,
+        image_size=facts.size,
     )
     return replace(track, box=box, interpolated=interpolated)
 

@@ -50,15 +50,15 @@ def in_layout(
         known = ", ".join(f"{n} ({', '.join(names)})" for n, names in SKELETONS_BY_COUNT.items())
         raise DataError(f"{people[0].where} has {count} keypoints; known numbers: {known}")
     _check_counts(people, skeletons.get(name))
-    return name, pictures, _said(count, name, named) + _doubts(people, name)
+    return name, pictures, _how_read(count, name, named) + _doubts(people, name)
 
 
-def _said(count: int, name: str, named: str | None) -> list[str]:
+def _how_read(count: int, name: str, named: str | None) -> list[str]:
     others = [other for other in SKELETONS_BY_COUNT.get(count, ()) if other != name]
-    said = f"{count} keypoints read as {name}"
+    note = f"{count} keypoints read as {name}"
     if others and named is None:
-        said += f" (--skeleton, where they are {' or '.join(others)})"
-    return [said]
+        note += f" (--skeleton, where they are {' or '.join(others)})"
+    return [note]
 
 
 def _check_counts(people: Sequence[Sighting], skeleton: Skeleton) -> None:
@@ -95,11 +95,11 @@ def _by_names(
             " expected names such as left_shoulder, LKnee or hip_r"
         )
     unused = [joint for n, joint in enumerate(joints) if n not in columns.values()]
-    said = f"{len(columns)} of {len(joints)} named keypoints read as {name}"
+    note = f"{len(columns)} of {len(joints)} named keypoints read as {name}"
     if unused:
-        said += f" (left out: {', '.join(unused[:8])}{', …' if len(unused) > 8 else ''})"
+        note += f" (left out: {', '.join(unused[:8])}{', …' if len(unused) > 8 else ''})"
     moved = [replace(p, people=[_moved(s, columns, name) for s in p.people]) for p in pictures]
-    return name, moved, [said]
+    return name, moved, [note]
 
 
 def _moved(person: Sighting, columns: dict[int, int], name: str) -> Sighting:

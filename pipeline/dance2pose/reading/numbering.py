@@ -45,9 +45,9 @@ def numbered(
     where: the file, for errors. unrelated: the pictures are not of a video, so that numbers are
     only an order. DataError where two pictures of a video have one number.
     """
-    places, notes = _places(pictures)
+    numbering, notes = _videos_and_numbers(pictures)
     groups: dict[str, list[tuple[int, int]]] = {}
-    for row, (video, number) in enumerate(places):
+    for row, (video, number) in enumerate(numbering):
         groups.setdefault("" if unrelated else video, []).append((number, row))
     found = []
     for video, rows in groups.items():
@@ -80,7 +80,7 @@ def _called(picture: Picture) -> str:
     return next((repr(x) for x in named if x is not None), "one without a name")
 
 
-def _places(pictures: Sequence[Picture]) -> tuple[list[tuple[str, int]], list[str]]:
+def _videos_and_numbers(pictures: Sequence[Picture]) -> tuple[list[tuple[str, int]], list[str]]:
     """Video and number of every picture, from the first of the sources that all of them have."""
     names = [picture.name for picture in pictures]
     named = _by_names(names)
@@ -94,18 +94,19 @@ def _places(pictures: Sequence[Picture]) -> tuple[list[tuple[str, int]], list[st
         "the place in the file": list(range(len(pictures))),
     }
     there = [
-        (said, list(zip(videos, numbers, strict=True)))
-        for said, numbers in sources.items()
+        (source, list(zip(videos, numbers, strict=True)))
+        for source, numbers in sources.items()
         if numbers is not None
     ]
-    said, places = there[0]
-    others = [other for other, them in there[1:-1] if _order(them) != _order(places)]
+    source, numbering = there[0]
+    others = [other for other, them in there[1:-1] if _order(them) != _order(numbering)]
     notes = [
-        f"{said} and {other} put the pictures in another order; {said} holds" for other in others
+        f"{source} and {other} put the pictures in another order; {source} holds"
+        for other in others
     ]
-    if named is None and None not in names and said in ("the id", "the place in the file"):
-        notes.append(f"the names of the pictures hold no frame numbers; {said} holds")
-    return places, notes
+    if named is None and None not in names and source in ("the id", "the place in the file"):
+        notes.append(f"the names of the pictures hold no frame numbers; {source} holds")
+    return numbering, notes
 
 
 def _all(numbers: Sequence[int | None]) -> list[int] | None:
@@ -114,8 +115,8 @@ def _all(numbers: Sequence[int | None]) -> list[int] | None:
     return known if len(known) == len(numbers) else None
 
 
-def _order(places: list[tuple[str, int]]) -> list[int]:
-    return sorted(range(len(places)), key=lambda row: places[row])
+def _order(numbering: list[tuple[str, int]]) -> list[int]:
+    return sorted(range(len(numbering)), key=lambda row: numbering[row])
 
 
 def _by_names(names: Sequence[str | None]) -> list[tuple[str, int]] | None:
@@ -129,10 +130,10 @@ def _by_names(names: Sequence[str | None]) -> list[tuple[str, int]] | None:
     return min(usable, key=lambda r: len(r) - len(set(r)), default=None)
 
 
-def _is_sequence(places: list[tuple[str, int]]) -> bool:
+def _is_sequence(numbering: list[tuple[str, int]]) -> bool:
     """Names tell an order where most pictures share their video with others."""
-    videos = Counter(video for video, _ in places)
-    return len(places) == 1 or 2 * len(videos) <= len(places)
+    videos = Counter(video for video, _ in numbering)
+    return len(numbering) == 1 or 2 * len(videos) <= len(numbering)
 
 
 def _read_names(names: list[str], *, copies: bool) -> list[tuple[str, int]] | None:
@@ -144,7 +145,7 @@ def _read_names(names: list[str], *, copies: bool) -> list[tuple[str, int]] | No
         seen = varying.setdefault(tuple(_DIGITS.split(stem)), [set() for _ in groups])
         for values, group in zip(seen, groups, strict=True):
             values.add(group)
-    places = []
+    numbering = []
     for stem in stems:
         text = _DIGITS.split(stem)
         spans = [match.span() for match in _DIGITS.finditer(stem)]
@@ -152,8 +153,8 @@ def _read_names(names: list[str], *, copies: bool) -> list[tuple[str, int]] | No
             return None
         differ = [n for n, values in enumerate(varying[tuple(text)]) if len(values) > 1]
         start, stop = spans[differ[-1] if differ else -1]
-        places.append((stem[:start].strip(" ._-") + _behind(stem[stop:]), int(stem[start:stop])))
-    return places
+        numbering.append((stem[:start].strip(" ._-") + _behind(stem[stop:]), int(stem[start:stop])))
+    return numbering
 
 
 def _behind(rest: str) -> str:

@@ -18,7 +18,7 @@ from dance2pose.poses import Timeline, Track3D, Unit
 from dance2pose.reading.c3d import C3dFile
 from dance2pose.reading.content import Float64Array
 from dance2pose.reading.joint_names import best_skeleton, meaning
-from dance2pose.tables import Table, read_table
+from dance2pose.tables import MotionTable, read_table
 
 # What a unit of length is, and how many of the track's it makes.
 _UNITS: dict[str, tuple[Unit, float]] = {
@@ -144,23 +144,23 @@ def _joints(names: tuple[str, ...], points: Float64Array) -> tuple[str, Float64A
     target, columns = best_skeleton(names, ("body17", "cmu17", "paper15"))
     xyz = np.full((len(points), len(skeletons.get(target)), 3), np.nan)
     xyz[:, list(columns)] = points[:, list(columns.values())]
-    layout, places = best_skeleton(names, _KEYPOINT_SKELETONS)
+    layout, keypoint_columns = best_skeleton(names, _KEYPOINT_SKELETONS)
     if target == "body17":
         keypoints = np.full((len(points), len(skeletons.get(layout)), 3), np.nan)
-        keypoints[:, list(places)] = points[:, list(places.values())]
+        keypoints[:, list(keypoint_columns)] = points[:, list(keypoint_columns.values())]
         sure = np.ones(keypoints.shape[:2])
         made, _ = skeletons.convert(keypoints, sure, source=layout, target=target)
         others = [j for j in range(xyz.shape[1]) if j not in columns]
         xyz[:, others] = made[:, others]
-    return target, xyz, max(len(columns), len(places))
+    return target, xyz, max(len(columns), len(keypoint_columns))
 
 
 def _read_table(path: Path) -> list[Positions]:
     """TRC and CSV; people by their column, or by what stands before a colon."""
     table = read_table(path)
     trc = path.suffix.lower() == ".trc"
-    places, units = _places(table)
-    if not places:
+    axes_of, units = _joint_columns(table)
+    if not axes_of:
         raise DataError(f"{path}: has no columns of x, y and z; expected such as left_knee_x")
     if len(units) > 1:
         raise DataError(f"{path}: its columns have the units {', '.join(sorted(units))}")
@@ -171,14 +171,14 @@ def _read_table(path: Path) -> list[Positions]:
     found = []
     for who, rows in table.members().items():
         timeline = _timeline(path, times[rows], None if frames is None else frames[rows])
-        for person, joints in _by_person(places).items():
+        for person, joints in _by_person(axes_of).items():
             xyz = np.stack([values[np.ix_(rows, list(axes))] for axes in joints.values()], axis=1)
             label = " ".join(filter(None, [*who, person]))
             found.append(Positions(tuple(joints), xyz, timeline, unit, "y", label))
     return found
 
 
-def _places(table: Table) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
+def _joint_columns(table: MotionTable) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
     """Joint to where its x, y and z stand among the moving columns, and the units they name."""
     axes: dict[str, dict[str, int]] = {}
     units: set[str] = set()
@@ -192,16 +192,16 @@ def _places(table: Table) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
 
 
 def _by_person(
-    places: dict[str, tuple[int, int, int]],
+    axes_of: dict[str, tuple[int, int, int]],
 ) -> dict[str, dict[str, tuple[int, int, int]]]:
     people: dict[str, dict[str, tuple[int, int, int]]] = {}
-    for joint, axes in places.items():
+    for joint, axes in axes_of.items():
         person, _, name = joint.rpartition(":")
         people.setdefault(person, {})[name] = axes
     return people
 
 
-def _trc_unit(table: Table) -> str:
+def _trc_unit(table: MotionTable) -> str:
     names, values = (table.header[n].split("\t") for n in (1, 2))
     named = dict(zip((n.strip() for n in names), (v.strip() for v in values), strict=False))
     return named.get("Units", "")

@@ -14,12 +14,12 @@ from dance2pose.npz_files import read_arrays
 from dance2pose.options import parse_person
 from dance2pose.poses import Track2D
 from dance2pose.reading.content import Content, Picture
-from dance2pose.reading.following import Clock, follow, surest
+from dance2pose.reading.following import VideoFacts, follow, surest
 from dance2pose.reading.layouts import in_layout
 from dance2pose.reading.measurements import Size, measured
 from dance2pose.reading.numbering import Numbered, numbered
 from dance2pose.reading.registry import read_content
-from dance2pose.tracking.tracker import TrackingSettings
+from dance2pose.tracking.settings import TrackingSettings
 
 MIN_CONFIDENCE = TrackingSettings().min_confidence
 # What is lost where nobody says the size.
@@ -60,7 +60,7 @@ def read_tracks(
     min_confidence: keypoints below it count as not seen.
 
     Keypoints that were not seen are NaN; a short hole in time is filled and marked, nothing is
-    followed across a long one (`tracking.TrackingSettings`).
+    followed across a long one (`tracking.settings.TrackingSettings`).
 
     Raises DataError naming the file and what is wrong with it, UsageError for missing or
     impossible settings.
@@ -86,9 +86,9 @@ def read_tracks(
     videos, more = numbered(pictures, where, unrelated=independent)
     notes += more
     settings = TrackingSettings(min_confidence=min_confidence)
-    clock = Clock(frame_rate, size or (0, 0), name, settings)
+    facts = VideoFacts(frame_rate, size or (0, 0), name, settings)
     if independent:
-        return ReadTracks([surest(videos[0], clock)], tuple(notes))
+        return ReadTracks([surest(videos[0], facts)], tuple(notes))
     if frame_rate is None and not all(_has_times(video) for video in videos):
         raise UsageError(
             f"{path}: holds no times; give the frame rate of the video it was made from"
@@ -97,7 +97,7 @@ def read_tracks(
     if any(_runs_backwards(video) for video in videos):
         notes.append("times in the file do not rise with the frames and are not used")
     notes += _unsure(pictures, min_confidence)
-    tracks, more = follow(videos, clock, person, one_person=content.one_person)
+    tracks, more = follow(videos, facts, person, one_person=content.one_person)
     return ReadTracks(tracks, tuple(notes + more))
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D
 from dance2pose.recording.overlays import drawn_over_picture, known_joints, send_columns_of
-from dance2pose.recording.placement import positions
 from dance2pose.recording.plots import angle_curves, trust_curves
 from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import get
@@ -116,7 +115,7 @@ def send_dancer(stream: rr.RecordingStream, dancer: Dancer, timeline: Timeline) 
     send_columns_of(
         dancer, lambda part, columns: rows.send_all(f"{dancer_path(person)}/{part}", columns)
     )
-    _send_joints(rows, raw_path(person), positions(dancer.raw))
+    _send_joints(rows, raw_path(person), dancer.raw.world_xyz)
     _send_thin_bones(rows, raw_path(person), dancer.raw)
     base = plots_path(person)
     for joint, curve in angle_curves(dancer).items():
@@ -180,7 +179,7 @@ def _send_thin_bones(rows: _Rows, path: str, track: Track3D) -> None:
 
     Where two skeletons coincide, the one for comparison must not hide the other.
     """
-    bones = positions(track)[:, np.array(get(track.skeleton).bones)].astype(np.float32)
+    bones = track.world_xyz[:, np.array(get(track.skeleton).bones)].astype(np.float32)
     known = ~np.isnan(bones).any(axis=(2, 3))
     columns = rr.LineStrips3D.columns(strips=bones[known])
     rows.send(path, columns.partition(known.sum(axis=1)))

@@ -14,7 +14,6 @@ from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.lifting.world.ground_plane import standing_feet
 from dance2pose.lifting.world.root_trajectory import foot_joints
 from dance2pose.poses import BoolArray, Dancer, FloatArray, Track3D
-from dance2pose.recording.placement import positions
 from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import get
 
@@ -31,7 +30,7 @@ def drawn_over_picture(dancer: Dancer) -> tuple[FloatArray, BoolArray] | None:
     if track.viewpoint is None or track.root is None:
         return None
     bones = np.array(get(track.skeleton).bones)
-    seen = track.viewpoint.project(positions(track))[:, bones]
+    seen = track.viewpoint.project(track.world_xyz)[:, bones]
     return seen, known_bones(track) & np.isfinite(seen).all(axis=(2, 3))
 
 
@@ -44,12 +43,12 @@ def known_bones(track: Track3D) -> BoolArray:
 
 def known_joints(track: Track3D) -> FloatArray:
     """(T, J, 3) places of the joints that keypoints saw, NaN for the others."""
-    return np.asarray(np.where(track.estimated[..., None], np.nan, positions(track)))
+    return np.asarray(np.where(track.estimated[..., None], np.nan, track.world_xyz))
 
 
 def guessed_bones(track: Track3D) -> list[FloatArray]:
     """For each frame, the (N, 2, 3) bones of which an end comes from the body model alone."""
-    bones = positions(track)[:, np.array(get(track.skeleton).bones)].astype(np.float32)
+    bones = track.world_xyz[:, np.array(get(track.skeleton).bones)].astype(np.float32)
     drawn = np.isfinite(bones).all(axis=(2, 3)) & ~known_bones(track)
     return [bones[row, drawn[row]] for row in range(len(bones))]
 
@@ -61,7 +60,7 @@ def feet_on_floor(track: Track3D) -> FloatArray:
         return np.full((len(track), 2, 3), np.nan)
     per_mm = BODY_HEIGHT_MM if track.unit == "body heights" else 1000.0
     stands = standing_feet(track, per_mm)
-    return np.asarray(np.where(stands[..., None], positions(track)[:, joints], np.nan))
+    return np.asarray(np.where(stands[..., None], track.world_xyz[:, joints], np.nan))
 
 
 def facing(track: Track3D) -> FloatArray:
@@ -79,8 +78,8 @@ def facing(track: Track3D) -> FloatArray:
 
 def facing_arrow(track: Track3D) -> tuple[FloatArray, FloatArray]:
     """Origins and vectors (T, 3) of arrows on the floor beneath the dancer."""
-    origin = positions(track)[:, 0].copy()
-    feet = positions(track)[:, foot_joints(get(track.skeleton)), 1]
+    origin = track.world_xyz[:, 0].copy()
+    feet = track.world_xyz[:, foot_joints(get(track.skeleton)), 1]
     known = np.isfinite(feet).any(axis=1)
     if track.root is not None:
         floor = 0.0 if np.nanmin(feet, initial=0.0) < 0.5 else float(np.nanmin(feet))
@@ -100,7 +99,7 @@ def send_columns_of(dancer: Dancer, send: Send) -> None:
         radii = np.repeat(np.nan_to_num(dancer.raw.sigma)[..., None], 3, axis=-1)
         known = np.isfinite(known_joints(track)).all(axis=2)
         balls = rr.Ellipsoids3D.columns(
-            centers=positions(track)[known].astype(np.float32),
+            centers=track.world_xyz[known].astype(np.float32),
             half_sizes=radii[known].astype(np.float32),
         )
         send("sigma", balls.partition(known.sum(axis=1)))
@@ -145,7 +144,7 @@ def all_positions(dancers: Sequence[Dancer], offsets: FloatArray) -> FloatArray:
     """(N, 3) places of all joints of all dancers, as they are shown."""
     return np.concatenate(
         [
-            (positions(d.smoothed) + offset).reshape(-1, 3)
+            (d.smoothed.world_xyz + offset).reshape(-1, 3)
             for d, offset in zip(dancers, offsets, strict=True)
         ]
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dance2pose.poses import Dancer, FloatArray, Track3D, Unit
+from dance2pose.poses import Dancer, FloatArray, Unit
 
 # Between pelvises set side by side: outstretched arms do not quite touch.
 SPACING: dict[Unit, float] = {"body heights": 1.2, "metres": 2.0}
@@ -35,11 +35,6 @@ class Placement:
     notes: tuple[str, ...]
 
 
-def positions(track: Track3D) -> FloatArray:
-    """(T, J, 3) joints in the world: on the dancer's path where it is known, else about 0."""
-    return track.xyz if track.root is None else track.xyz + track.root[:, None]
-
-
 def place(dancers: Sequence[Dancer]) -> Placement:
     """Put the floor at y = 0, and dancers whose path is not known side by side."""
     if not dancers:
@@ -48,7 +43,7 @@ def place(dancers: Sequence[Dancer]) -> Placement:
         return Placement(np.zeros((len(dancers), 3)), (_PATHS,))
     unit = dancers[0].smoothed.unit
     offsets = np.zeros((len(dancers), 3))
-    offsets[:, 1] = -np.nan_to_num([floor_height(positions(d.smoothed)) for d in dancers])
+    offsets[:, 1] = -np.nan_to_num([floor_height(d.smoothed.world_xyz) for d in dancers])
     offsets[:, 0] = _side_by_side(dancers) * SPACING[unit]
     notes = [
         "The path through the room is not known: every pelvis stays in place, and its height "

@@ -10,7 +10,7 @@ from dance2pose.poses import FloatArray
 Float64Array = npt.NDArray[np.float64]
 
 # Deviation of a keypoint that still counts as alike, in units of the root of the box area. COCO's
-# per-joint constants (0.025-0.107) compare two opinions on one picture. Between two pictures a
+# per-joint constants (0.025-0.107) compare two annotations of one picture. Between two pictures a
 # limb also moves, so that one wide constant serves better.
 SAME_PICTURE_SIGMA = 0.08
 NEXT_PICTURE_SIGMA = 0.15

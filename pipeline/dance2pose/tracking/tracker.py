@@ -6,8 +6,6 @@ they agree in motion, box, keypoints and colours. Memory grows with the poses al
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
@@ -16,99 +14,22 @@ from dance2pose import skeleton as skeletons
 from dance2pose.holes import usual_step
 from dance2pose.options import parse_person
 from dance2pose.poses import Boxes, FloatArray, Image, Poses2D, Timeline, Track2D
-from dance2pose.tracking.appearance import Histogram, likeness, torso_histogram, torso_joints
+from dance2pose.tracking.appearance import torso_histogram, torso_joints
+from dance2pose.tracking.candidates import LEAST_AGREEMENT, Candidate, Detections, agreement
 from dance2pose.tracking.choosing import choose
 from dance2pose.tracking.gaps import fill_gaps
-from dance2pose.tracking.matching import (
-    NEXT_PICTURE_SIGMA,
-    BoxMotion,
-    Float64Array,
-    box_overlaps,
-    box_sizes,
-    duplicates,
-    keypoint_similarities,
-)
+from dance2pose.tracking.matching import BoxMotion, Float64Array, box_overlaps, duplicates
+from dance2pose.tracking.settings import TrackingSettings
 
-
-@dataclass(frozen=True)
-class TrackingSettings:
-    """What counts as seeing a dancer, and for how long one is remembered.
-
-    min_confidence: keypoints below it are missing (NaN). min_keypoints: a pose with fewer is not
-    one. birth_sights: a track needs to be seen this often (or in every frame of a shorter shot).
-    patience_s: a track unseen for longer has ended; whoever comes then is someone new.
-    hidden_patience_s: the same for those who vanished within the picture, not at its border;
-    after patience_s they are known again only by their colours.
-    longest_gap_s: gaps up to this long are interpolated, those of a whole pose and those of a
-    single keypoint; what was interpolated has half of min_confidence, so that a keypoint below
-    min_confidence is always one that was not seen. same_person: keypoint similarity from which
-    two detections of one frame are the same person.
-    """
-
-    min_confidence: float = 0.2
-    min_keypoints: int = 4
-    birth_sights: int = 3
-    patience_s: float = 2.0
-    hidden_patience_s: float = 6.0
-    longest_gap_s: float = 0.25
-    same_person: float = 0.7
-
-
-# Share of each cue in the agreement of a track and a detection; absent cues are left out.
-_MOTION, _BOX, _KEYPOINTS, _COLOURS = 1.0, 1.0, 1.0, 1.5
-# No match further off than this many standard deviations of the motion, ...
-_FURTHEST = 4.0
-# ... nor with a body that is larger or smaller by more than this factor, ...
-_LARGEST_CHANGE = 2.5
-# ... nor with an agreement (0..1) below this.
-_LEAST_AGREEMENT = 0.25
-# Box and keypoints of the last sight say less and less, with this time constant.
-_STALE_S = 0.3
 # Colours are learned from sights that overlap nobody else by more than this (IoU).
 _OVERLAP = 0.1
 _COLOUR_RATE = 0.1
-# After more than `patience_s` the colours must be alike by at least this (0..1).
-_KNOWN_AGAIN = 0.6
 # Nearer than this to the border, as a share of the picture, someone may be walking out.
 _BORDER = 0.02
 # A track not yet confirmed ends after this many seconds unseen.
 _TENTATIVE_PATIENCE_S = 0.25
 # The usual step between frames is told by so many of the last ones.
 _STEPS_KEPT = 50
-
-
-@dataclass(frozen=True)
-class _Detections:
-    """The people of one frame: xyxy (N, 4), xy (N, J, 2) with NaN, confidence (N, J)."""
-
-    xyxy: Float64Array
-    xy: Float64Array
-    confidence: Float64Array
-    colours: list[Histogram | None]
-    alone: npt.NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.xyxy)
-
-
-@dataclass
-class _Candidate:
-    """Someone who is being followed."""
-
-    shot: int
-    motion: BoxMotion
-    xy: Float64Array  # last pose, (J, 2)
-    centre: Float64Array  # of the box in which it was seen
-    colours: Histogram | None
-    rows: list[int] = field(default_factory=list)
-    poses: list[FloatArray] = field(default_factory=list)
-    confidences: list[FloatArray] = field(default_factory=list)
-    boxes: list[FloatArray] = field(default_factory=list)
-
-    def expected_xy(self) -> Float64Array:
-        """The last pose, moved to where the person is expected now."""
-        moved: Float64Array = self.xy + (self.motion.state[0] - self.centre)
-        return moved
 
 
 class Tracker:
@@ -132,8 +53,8 @@ class Tracker:
         self._frame: list[int] = []
         self._time_s: list[float] = []
         self._shot_starts: list[int] = [0]
-        self._followed: list[_Candidate] = []
-        self._ended: list[_Candidate] = []
+        self._followed: list[Candidate] = []
+        self._ended: list[Candidate] = []
 
     def update(
         self,
@@ -207,7 +128,7 @@ class Tracker:
                 f" frame {self._frame[-1]} at {self._time_s[-1]} s"
             )
 
-    def _detections(self, boxes: Boxes, poses: Poses2D, image: Image | None) -> _Detections:
+    def _detections(self, boxes: Boxes, poses: Poses2D, image: Image | None) -> Detections:
         """Those who show enough keypoints, each person once."""
         confidence = np.nan_to_num(poses.confidence.astype(np.float64))
         xy = poses.xy.astype(np.float64)
@@ -229,70 +150,33 @@ class Tracker:
             None if image is None else torso_histogram(image, xy[i], self._torso)
             for i in range(len(xyxy))
         ]
-        return _Detections(xyxy, xy, confidence, colours, alone)
+        return Detections(xyxy, xy, confidence, colours, alone)
 
     def _assign(
-        self, candidates: list[_Candidate], detections: _Detections, free: npt.NDArray[np.int64]
+        self, candidates: list[Candidate], detections: Detections, free: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.int64]:
         """Give the free detections to the candidates; returns those that stay free."""
         if not candidates or not len(free):
             return free
-        agreement = np.array([self._agreement(c, detections, free) for c in candidates])
-        pairs = zip(*linear_sum_assignment(-agreement), strict=True)
+        agreed = np.array([self._agreement(c, detections, free) for c in candidates])
+        pairs = zip(*linear_sum_assignment(-agreed), strict=True)
         taken = []
         for row, column in pairs:
-            if agreement[row, column] >= _LEAST_AGREEMENT:
+            if agreed[row, column] >= LEAST_AGREEMENT:
                 self._see(candidates[row], detections, int(free[column]))
                 taken.append(column)
         return np.delete(free, taken)
 
     def _agreement(
-        self, candidate: _Candidate, detections: _Detections, free: npt.NDArray[np.int64]
+        self, candidate: Candidate, detections: Detections, free: npt.NDArray[np.int64]
     ) -> Float64Array:
-        """Weighted mean of the cues for each free detection, 0..1; 0 where it cannot be."""
-        xyxy, motion = detections.xyxy[free], candidate.motion
-        away = motion.deviations(xyxy)
-        size = np.array([motion.size])
-        unseen_s = self._unseen_s(candidate)
-        fresh = np.exp(-(self._time_s[-1] - self._time_s[candidate.rows[-1]]) / _STALE_S)
-        cues = [
-            (_MOTION, np.exp(-np.square(away) / 8)),
-            (_BOX * fresh, box_overlaps(motion.xyxy[np.newaxis], xyxy)[0]),
-            (
-                _KEYPOINTS * fresh,
-                keypoint_similarities(
-                    candidate.expected_xy()[np.newaxis, self._body],
-                    detections.xy[free][:, self._body],
-                    size,
-                    sigma=NEXT_PICTURE_SIGMA,
-                )[0],
-            ),
-        ]
-        colours = self._colour_cue(candidate.colours, detections, free)
-        cues.append((_COLOURS, colours))
-        weights = np.array([weight for weight, _ in cues])[:, np.newaxis]
-        values = np.array([value for _, value in cues])
-        known = np.isfinite(values)
-        total = np.where(known, weights * values, 0).sum(axis=0) / (weights * known).sum(axis=0)
-        change = np.abs(np.log(box_sizes(xyxy) / motion.size))
-        possible = (away <= _FURTHEST) & (change <= np.log(_LARGEST_CHANGE))
-        if unseen_s > self.settings.patience_s:
-            possible &= colours >= _KNOWN_AGAIN
-        agreement: Float64Array = np.where(possible, total, 0)
-        return agreement
+        since_s = self._time_s[-1] - self._time_s[candidate.rows[-1]]
+        lost = self._unseen_s(candidate) > self.settings.patience_s
+        return agreement(candidate, detections, free, self._body, since_s=since_s, lost=lost)
 
-    def _colour_cue(
-        self, known: Histogram | None, detections: _Detections, free: npt.NDArray[np.int64]
-    ) -> Float64Array:
-        """Likeness of the colours, NaN where either is unknown."""
-        seen = [detections.colours[i] for i in free]
-        return np.array(
-            [np.nan if known is None or c is None else likeness(known, c) for c in seen]
-        )
-
-    def _begin(self, detections: _Detections, i: int) -> _Candidate:
+    def _begin(self, detections: Detections, i: int) -> Candidate:
         xyxy = detections.xyxy[i]
-        candidate = _Candidate(
+        candidate = Candidate(
             shot=len(self._shot_starts) - 1,
             motion=BoxMotion(xyxy),
             xy=detections.xy[i],
@@ -302,7 +186,7 @@ class Tracker:
         self._record(candidate, detections, i)
         return candidate
 
-    def _see(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
+    def _see(self, candidate: Candidate, detections: Detections, i: int) -> None:
         xyxy, colours = detections.xyxy[i], detections.colours[i]
         if self._unseen_s(candidate) > self.settings.patience_s:
             candidate.motion = BoxMotion(xyxy)  # the way there tells nothing of the speed now
@@ -318,16 +202,16 @@ class Tracker:
             candidate.colours = candidate.colours + _COLOUR_RATE * (colours - candidate.colours)
         self._record(candidate, detections, i)
 
-    def _record(self, candidate: _Candidate, detections: _Detections, i: int) -> None:
+    def _record(self, candidate: Candidate, detections: Detections, i: int) -> None:
         candidate.rows.append(len(self._frame) - 1)
         candidate.poses.append(detections.xy[i].astype(np.float32))
         candidate.confidences.append(detections.confidence[i].astype(np.float32))
         candidate.boxes.append(detections.xyxy[i].astype(np.float32))
 
-    def _is_confirmed(self, candidate: _Candidate) -> bool:
+    def _is_confirmed(self, candidate: Candidate) -> bool:
         return len(candidate.rows) >= self.settings.birth_sights
 
-    def _unseen_s(self, candidate: _Candidate) -> float:
+    def _unseen_s(self, candidate: Candidate) -> float:
         """Seconds beyond the usual step since the person was last seen.
 
         0 for who was seen in the frame before, even with few frames a second; but a hole in time
@@ -336,7 +220,7 @@ class Tracker:
         since = self._time_s[-1] - self._time_s[candidate.rows[-1]]
         return max(0.0, since - usual_step(self._time_s[-_STEPS_KEPT:]))
 
-    def _is_over(self, candidate: _Candidate) -> bool:
+    def _is_over(self, candidate: Candidate) -> bool:
         unseen_s = self._unseen_s(candidate)
         if not self._is_confirmed(candidate):
             return unseen_s > _TENTATIVE_PATIENCE_S
@@ -349,17 +233,17 @@ class Tracker:
         margin = _BORDER * size
         return bool((xyxy[:2] <= margin).any() or (xyxy[2:] >= size - margin).any())
 
-    def _end(self, candidates: list[_Candidate]) -> None:
+    def _end(self, candidates: list[Candidate]) -> None:
         over = {id(candidate) for candidate in candidates}
         self._ended += [c for c in self._followed if id(c) in over and self._may_count(c)]
         self._followed = [c for c in self._followed if id(c) not in over]
 
-    def _may_count(self, candidate: _Candidate) -> bool:
+    def _may_count(self, candidate: Candidate) -> bool:
         """Whether `finish` could keep it: seen often enough, or in all of a very short shot."""
         shot_frames = len(self._frame) - self._shot_starts[candidate.shot]
         return len(candidate.rows) >= min(self.settings.birth_sights, shot_frames)
 
-    def _track(self, candidate: _Candidate) -> Track2D:
+    def _track(self, candidate: Candidate) -> Track2D:
         first, last = candidate.rows[0], candidate.rows[-1]
         length = last - first + 1
         rows = np.array(candidate.rows) - first

@@ -1,9 +1,9 @@
 """Bone lengths of one dancer from everything that a track says of them.
 
-Two witnesses speak for each bone: its depths together with its projections, frame by frame, and
-the network's own opinion of its length. Both are read as measurements of the logarithm of the
-length with a known error; what people's bones are like (`body_variation`), or the body that the
-user gives, is the prior. All errors are taken for Gaussian, so that the estimate is one linear
+There are two sources for the length of each bone: its depths together with its projections, frame
+by frame, and the length that the network predicts. Both are read as measurements of the logarithm
+of the length with a known error; what people's bones are like (`body_variation`), or the body that
+the user gives, is the prior. All errors are taken for Gaussian, so that the estimate is one linear
 system, and where the track says nothing of a bone the prior alone remains.
 
 N frames, J joints, B = J - 1 bones of a lifting skeleton.
@@ -26,7 +26,7 @@ _COMMON_ERROR = 0.015
 # A frame whose bone looks wrong by more than so many standard deviations counts less.
 _OUTLIER = 2.5
 _REWEIGHTED = 4
-# The part of the variance that the network fears for both ends of a bone which its depth lacks.
+# The part of the variance that the network expects for both ends of a bone which its depth lacks.
 _HEDGED = 0.1
 
 
@@ -86,7 +86,7 @@ def lengths_by_frame(
 
 
 def from_network(bones: FloatArray, bones_sigma: FloatArray) -> Measured:
-    """The network's own opinion: (N, B) logarithms of lengths and the scales of their errors.
+    """What the network predicts: (N, B) logarithms of lengths and the scales of their errors.
 
     Every frame was answered knowing the whole track's longest projections, so that frames hardly
     err independently: averaging them makes the mean no surer than one of them.
@@ -101,12 +101,12 @@ def estimate(
     skeleton: str,
     known: Body | None = None,
     *,
-    opinion: Measured | None = None,
+    predicted: Measured | None = None,
 ) -> tuple[Body, float]:
     """The body that explains the measurements best, and the size of their unit.
 
     known: a body found before, which then stands in for what people's bones are like; else the
-    network's opinion does, where there is one: it knows them, and has seen the track. Sizes are
+    network's prediction does, where there is one: it knows them, and has seen the track. Sizes are
     told by nothing that one camera sees: the body has the sum of the one body's bone lengths, and
     the measurements' unit is the second result times a millimetre of it.
     """
@@ -116,10 +116,10 @@ def estimate(
     if known is not None:
         mean = np.log(known.lengths_mm / usual)
         covariance = np.diag(known.spread**2)
-    elif opinion is not None and np.isfinite(opinion.log_length).all():
-        mean = opinion.log_length
+    elif predicted is not None and np.isfinite(predicted.log_length).all():
+        mean = predicted.log_length
         sigma = np.sqrt(np.diag(covariance))
-        covariance = covariance * np.outer(opinion.sigma / sigma, opinion.sigma / sigma)
+        covariance = covariance * np.outer(predicted.sigma / sigma, predicted.sigma / sigma)
     precision = np.zeros((len(usual) + 1, len(usual) + 1))  # of the bones, and of the common size
     precision[:-1, :-1] = np.linalg.inv(covariance)
     right = precision[:, :-1] @ mean

@@ -40,15 +40,15 @@ class Joints:
 
 @dataclass(frozen=True)
 class Found:
-    """body: the dancer's bone lengths. lasting_mm: standard deviation of the keypoints' errors that
+    """body: the dancer's bone lengths. bias_mm: standard deviation of the keypoints' errors that
     last, in either direction of the picture."""
 
     body: Body
-    lasting_mm: float
+    bias_mm: float
 
 
 @dataclass(frozen=True)
-class Witnesses:
+class BodyMeasurements:
     """All that tells of the body. joints: as seen and predicted together. picture: (N, J, 2) as
     seen, mm. jitter: (N, J) mm. size: (N,) of the network's answer beside them."""
 
@@ -73,25 +73,26 @@ class Witnesses:
         return np.asarray(variance[:, children] + variance[:, parents])
 
 
-def find_body(witnesses: Witnesses) -> tuple[Found, float]:
-    """The body and the keypoints' lasting errors, and the size of the poses that tell them."""
-    seen = witnesses.seen
-    opinion = from_network(
-        witnesses.answer.bones - np.log(witnesses.size)[:, None], witnesses.answer.sigma_bones
+def find_body(measurements: BodyMeasurements) -> tuple[Found, float]:
+    """The body and the keypoints' bias, and the size of the poses that tell them."""
+    seen = measurements.seen
+    predicted = from_network(
+        measurements.answer.bones - np.log(measurements.size)[:, None],
+        measurements.answer.sigma_bones,
     )
-    lasting = seen.bias_mm
+    bias = seen.bias_mm
     for _ in range(_ROUNDS):
         body, unit = estimate(
-            [_measured(witnesses, lasting)], seen.skeleton, seen.body, opinion=opinion
+            [_measured(measurements, bias)], seen.skeleton, seen.body, predicted=predicted
         )
-        lasting = max(lasting_error(witnesses, unit * body.lengths_mm) / unit, seen.bias_mm)
-    return Found(body, lasting), unit
+        bias = max(keypoint_bias(measurements, unit * body.lengths_mm) / unit, seen.bias_mm)
+    return Found(body, bias), unit
 
 
-def unit_of(witnesses: Witnesses, found: Found) -> float:
+def unit_of(measurements: BodyMeasurements, found: Found) -> float:
     """The size of poses of a known body."""
-    measured = _measured(witnesses, found.lasting_mm)
-    off = measured.log_length - np.log(found.body.lengths_mm / witnesses.seen.usual_mm)
+    measured = _measured(measurements, found.bias_mm)
+    off = measured.log_length - np.log(found.body.lengths_mm / measurements.seen.usual_mm)
     known = np.isfinite(off) & np.isfinite(measured.sigma)
     if not known.any():
         return 1.0
@@ -99,20 +100,20 @@ def unit_of(witnesses: Witnesses, found: Found) -> float:
     return float(np.exp((weight * off[known]).sum() / weight.sum()))
 
 
-def lasting_error(witnesses: Witnesses, lengths: FloatArray) -> float:
+def keypoint_bias(measurements: BodyMeasurements, lengths: FloatArray) -> float:
     """Standard deviation of the keypoints' errors that are no jitter."""
-    depth_variance = witnesses.of_both_ends(np.square(witnesses.joints.sigma[..., 2]))
-    total = keypoint_errors.of_lengths(witnesses.bones(as_seen=True), depth_variance, lengths)
-    jitter = float(np.median(witnesses.jitter))
+    depth_variance = measurements.of_both_ends(np.square(measurements.joints.sigma[..., 2]))
+    total = keypoint_errors.of_lengths(measurements.bones(as_seen=True), depth_variance, lengths)
+    jitter = float(np.median(measurements.jitter))
     return float(np.sqrt(max(total**2 - jitter**2, 0.0)))
 
 
-def _measured(witnesses: Witnesses, lasting_mm: float) -> Measured:
-    sigma = witnesses.joints.sigma
+def _measured(measurements: BodyMeasurements, bias_mm: float) -> Measured:
+    sigma = measurements.joints.sigma
     return from_depths(
-        witnesses.bones(as_seen=False),
-        witnesses.of_both_ends(np.square(sigma[..., 2])),
-        witnesses.of_both_ends(np.square(sigma[..., 0]) + lasting_mm**2),
-        witnesses.seen.time_s,
-        witnesses.seen.usual_mm,
+        measurements.bones(as_seen=False),
+        measurements.of_both_ends(np.square(sigma[..., 2])),
+        measurements.of_both_ends(np.square(sigma[..., 0]) + bias_mm**2),
+        measurements.seen.time_s,
+        measurements.seen.usual_mm,
     )

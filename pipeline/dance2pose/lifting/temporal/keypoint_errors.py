@@ -15,7 +15,7 @@ from dance2pose.lifting.temporal.smoothness import frame_noise
 from dance2pose.poses import FloatArray
 
 _LEAST_NOISE_MM = 1.0
-# Of the variance that the network fears for the depths of a bone's two ends: they err together.
+# Of the variance that the network expects for the depths of a bone's two ends: they err together.
 _DEPTH_VARIANCE = 0.3
 # Bones whose depth makes their length uncertain by more than this tell little; longer errors are of
 # another kind (sides confused, a joint taken for another).

@@ -1,6 +1,6 @@
 """One dancer in all frames of a track: the network's answers made poses of one body.
 
-Each step is a function: what was seen and what the network predicts become one opinion of where
+Each step is a function: what was seen and what the network predicts become one estimate of where
 joints are (`seen_and_predicted`), which tells the body (`body_estimate`); the body tells which end
 of a bone is nearer (`depth_signs`); and poses with its bones are found closest to all that
 (`bone_constraints`).
@@ -18,9 +18,9 @@ from dance2pose.body import retarget
 from dance2pose.lifting.error_calibration import ErrorParts
 from dance2pose.lifting.temporal.apparent_size import growth, sizes
 from dance2pose.lifting.temporal.body_of_track import (
+    BodyMeasurements,
     Found,
     Joints,
-    Witnesses,
     find_body,
     unit_of,
 )
@@ -82,38 +82,38 @@ def pose_one_body(
     """Poses of one body that agree with the network's answers and with what was seen.
 
     before: the body and the keypoints' errors as an earlier pass found them. told: the network was
-    told them, so that its opinion of bones is no witness, and they stay; poses get the bones, and
+    told them, so that its lengths of bones are no evidence, and they stay; poses get the bones, and
     limits are looked at, then.
     focal_px: of a perspective camera that points at the dancer.
     """
-    lasting = seen.bias_mm if before is None else before.lasting_mm
-    witnesses = _witnesses(answer, seen, lasting, smooth=settings.smooth)
+    bias = seen.bias_mm if before is None else before.bias_mm
+    measurements = _measurements(answer, seen, bias, smooth=settings.smooth)
     if before is not None and told:
-        found, unit = before, unit_of(witnesses, before)
+        found, unit = before, unit_of(measurements, before)
     else:
-        found, unit = find_body(witnesses)
-    joints, size = witnesses.joints.scaled(1 / unit), witnesses.size * unit
+        found, unit = find_body(measurements)
+    joints, size = measurements.joints.scaled(1 / unit), measurements.size * unit
     joints, log_odds = _with_depths_of_body(joints, seen, found, settings)
     xyz = _with_bones(joints, seen, found) if settings.bones and told else joints.xyz
     if settings.limits and told:
         focus = None if focal_px is None else Focus(focal_px, answer.centre, answer.scale * size)
         xyz = _within_limits(xyz, log_odds, seen, found, focus)
     errors = error_parts(
-        joints.sigma, answer.sigma / size[:, None], witnesses.jitter / unit, found.lasting_mm
+        joints.sigma, answer.sigma / size[:, None], measurements.jitter / unit, found.bias_mm
     )
     return Posed(xyz, errors, answer.scale * size, found)
 
 
-def _witnesses(answer: Depth, seen: Rows, lasting_mm: float, *, smooth: bool) -> Witnesses:
+def _measurements(answer: Depth, seen: Rows, bias_mm: float, *, smooth: bool) -> BodyMeasurements:
     """Where joints are by what was seen and predicted, at the size that the answers have."""
     size = _size_of_frames(answer, seen)
     px_per_mm = answer.scale * size
     picture = (seen.xy - answer.centre[:, None]) / px_per_mm[:, None, None]
     noise = jitter(picture, seen.confidence)
-    joints = seen_and_predicted(answer, size, picture, np.hypot(noise, lasting_mm))
+    joints = seen_and_predicted(answer, size, picture, np.hypot(noise, bias_mm))
     if smooth:
-        joints = _smoothed_across(joints, noise, lasting_mm, seen)
-    return Witnesses(joints, picture, noise, answer, size, seen)
+        joints = _smoothed_across(joints, noise, bias_mm, seen)
+    return BodyMeasurements(joints, picture, noise, answer, size, seen)
 
 
 def _size_of_frames(answer: Depth, seen: Rows) -> FloatArray:
@@ -138,10 +138,10 @@ def seen_and_predicted(
     return Joints(xyz, sigma)
 
 
-def _smoothed_across(joints: Joints, noise: FloatArray, lasting_mm: float, seen: Rows) -> Joints:
+def _smoothed_across(joints: Joints, noise: FloatArray, bias_mm: float, seen: Rows) -> Joints:
     """Paths across the view without jitter; what lasts of the errors stays."""
     xyz, sigma = joints.xyz.copy(), joints.sigma.copy()
-    total = np.square(noise) + lasting_mm**2
+    total = np.square(noise) + bias_mm**2
     trust = np.minimum(np.square(sigma[..., 0]) / total, 1.0)  # how far joints are where seen
     jittery = np.where(np.isfinite(seen.xy[..., 0]), trust * noise, sigma[..., 0])
     for part in seen.parts:
@@ -181,7 +181,7 @@ def _with_settled_depths(joints: Joints, seen: Rows, found: Found) -> tuple[Join
         xyz[part, :, 2], variance, log_odds[part] = settle_depths(
             xyz[part],
             sigma[part, :, 2],
-            np.hypot(sigma[part, :, 0], found.lasting_mm),
+            np.hypot(sigma[part, :, 0], found.bias_mm),
             seen.time_s[part],
             seen.tree,
             body.lengths_mm,
@@ -249,14 +249,14 @@ def nearness(xyz: FloatArray, px_per_mm: FloatArray, focal_px: float) -> FloatAr
 
 
 def error_parts(
-    solved: FloatArray, predicted: FloatArray, noise: FloatArray, lasting_mm: float
+    solved: FloatArray, predicted: FloatArray, noise: FloatArray, bias_mm: float
 ) -> ErrorParts:
     """What poses err by.
 
     solved: (N, J, 3), what is left of the standard deviations after the solution; predicted:
-    (N, J), what the network feared before: measured, their geometric mean is closer to the errors
+    (N, J), what the network expected before: measured, their geometric mean is closer to the errors
     than either. noise: (N, J), which moves the origin too, the first joint, and with it all others.
     """
     left = np.sqrt(np.square(solved).sum(axis=-1))
     pose = np.sqrt(left * predicted)
-    return ErrorParts(pose, np.broadcast_to(noise, pose.shape), lasting_mm)
+    return ErrorParts(pose, np.broadcast_to(noise, pose.shape), bias_mm)

@@ -131,7 +131,7 @@ def _answers(seen: Rows, found: Found | None, unit: float, *, told: bool) -> Dep
     longest = likely_projections(longest_projections(seen.xy[None])[0], seen.usual_mm)
     if found is not None and told:
         longest = unit * found.body.lengths_mm
-    error_mm = found.lasting_mm if found is not None else seen.bias_mm or None
+    error_mm = found.bias_mm if found is not None else seen.bias_mm or None
     known = Known(longest=longest, lengths=found is not None and told, error_mm=error_mm)
     return depth.joined(
         [

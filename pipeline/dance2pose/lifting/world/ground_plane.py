@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dance2pose import skeleton as skeletons
+from dance2pose.holes import unbroken
 from dance2pose.lifting.world.path_solver import ACROSS_MM, Floor, solve_path
 from dance2pose.lifting.world.root_trajectory import (
     ANKLE_ABOVE_FLOOR_MM,
@@ -102,7 +103,7 @@ def tilt_evidence(tracks: Sequence[Track3D], mm_per_unit: float) -> tuple[float,
         assert track.root is not None
         upright.append(_standing(track))
         joints = foot_joints(skeletons.get(track.skeleton))
-        at = track.xyz[:, joints] + track.root[:, None]
+        at = track.world_xyz[:, joints]
         feet.append(at[standing_feet(track, mm_per_unit)] * mm_per_unit)
     up = np.concatenate(upright) if upright else np.zeros((0, 3))
     plane, spread = _plane_tilt_deg(feet)
@@ -144,8 +145,7 @@ def _plane_tilt_deg(feet: Sequence[FloatArray]) -> tuple[float, float]:
 def _known_runs(track: Track3D) -> list[slice]:
     assert track.root is not None
     known = np.isfinite(track.root).all(axis=1) & np.isfinite(track.xyz).all(axis=(1, 2))
-    edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
-    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return unbroken(np.asarray(known))
 
 
 def standing_feet(track: Track3D, mm_per_unit: float) -> BoolArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dance2pose.holes import unbroken
 from dance2pose.lifting.world.path_solver import solve_path
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
@@ -60,10 +61,9 @@ def contacts(
 
 
 def _drop_short(flags: BoolArray, time_s: FloatArray) -> None:
-    edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if time_s[stop - 1] - time_s[start] < _SHORTEST_S:
-            flags[start:stop] = False
+    for run in unbroken(flags):
+        if time_s[run][-1] - time_s[run.start] < _SHORTEST_S:
+            flags[run] = False
 
 
 def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
