@@ -17,8 +17,9 @@ from dance2pose.evaluation.limits_check import score, turned
 from dance2pose.limits import model as limits
 from dance2pose.limits.ab15 import read_authors_limits
 from dance2pose.limits.body_frames import limited_bones, parent_bone
-from dance2pose.limits.learning import Margins, seen_directions, widen
+from dance2pose.limits.learning import Margins, bin_centres, seen_directions, widen
 from dance2pose.limits.model import Limits
+from dance2pose.limits.projection import project_to_valid
 from dance2pose.mocap.corpus import read_take
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
@@ -48,6 +49,12 @@ def wandering_poses(count: int, seed: int = 0) -> FloatArray:
 @pytest.fixture(scope="module")
 def learned() -> Limits:
     return widen(seen_directions(wandering_poses(1000), "cmu17"), Margins(6.0, 12.0))
+
+
+def lengths(xyz: FloatArray) -> FloatArray:
+    parents, children = np.array(CMU.bones).T
+    norms: FloatArray = np.linalg.norm(xyz[..., children, :] - xyz[..., parents, :], axis=-1)
+    return norms
 
 
 def test_poses_like_those_learned_from_are_valid_and_turned_ones_are_not(learned: Limits) -> None:
@@ -152,6 +159,46 @@ def test_unknown_bones_are_not_refused() -> None:
     assert known.is_valid(np.full((3, 17, 3), np.nan)).all()
     assert known.is_valid(np.zeros((3, 17, 3))).all()
     assert known.is_valid(np.empty((0, 17, 3))).shape == (0, 16)
+
+
+def test_closest_valid_pose_is_valid_keeps_bones_and_leaves_valid_ones(learned: Limits) -> None:
+    rng = np.random.default_rng(10)
+    for bone in limited_bones("cmu17"):
+        poses = turned(wandering_poses(60, seed=11), bone, "cmu17", rng)
+        fixed = project_to_valid(learned, poses)
+        assert learned.is_valid(fixed).all()
+        np.testing.assert_allclose(lengths(fixed), lengths(poses), rtol=1e-9)
+        valid = learned.is_valid(poses).all(axis=1)
+        np.testing.assert_array_equal(fixed[valid], poses[valid])
+
+
+@pytest.mark.parametrize("bone", ["left_elbow", "head", "right_wrist", "left_toe"])
+def test_no_valid_direction_is_closer_than_the_projected_one(learned: Limits, bone: str) -> None:
+    """Against trying directions all over the sphere, one bone turned, all else as it was."""
+    child = CMU.index(bone)
+    poses = turned(wandering_poses(12, seed=12), bone, "cmu17", np.random.default_rng(13))
+    poses = poses[~learned.is_valid(poses)[:, child - 1]]
+    assert len(poses) >= 4
+    fixed = project_to_valid(learned, poses)
+    tries = bin_centres().reshape(-1, 3)
+    for pose, found in zip(poses, fixed, strict=True):
+        start = pose[CMU.parents[child]]
+        length = np.linalg.norm(pose[child] - start)
+        many = np.repeat(pose[None], len(tries), axis=0)
+        many[:, child] = start + length * tries
+        cosine = (many[:, child] - start) @ (pose[child] - start) / length**2
+        best = cosine[learned.is_valid(many)[:, child - 1]].max()
+        ours = (found[child] - start) @ (pose[child] - start) / length**2
+        assert ours > best - 1e-3
+
+
+def test_closest_valid_pose_leaves_missing_joints_missing(learned: Limits) -> None:
+    poses = turned(wandering_poses(7, seed=14), "left_knee", "cmu17", np.random.default_rng(15))
+    poses[:, CMU.index("right_wrist")] = np.nan
+    poses[3] = np.nan
+    fixed = project_to_valid(learned, poses)
+    np.testing.assert_array_equal(np.isnan(fixed), np.isnan(poses))
+    assert learned.is_valid(fixed).all()
 
 
 def test_saved_limits_read_back_the_same(learned: Limits, tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Pose-conditioned joint-angle limits: the model, and how it is learned."""
+"""Pose-conditioned joint-angle limits: the model, and the nearest pose that obeys it."""

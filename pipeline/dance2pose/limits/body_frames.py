@@ -111,6 +111,19 @@ class BodyFrames:
         self.local[bone] = direction
         return direction
 
+    def to_world(self, bone: str, local: FloatArray) -> FloatArray:
+        """The inverse of `local_direction` for any local direction (3, N) of the bone."""
+        line, chain = _LIMITED[bone]
+        direction = local
+        for ancestor in reversed(chain):
+            reference = np.broadcast_to(
+                self._references[ancestor][:, None], self.local[ancestor].shape
+            )
+            direction = transport(reference, self.local[ancestor], direction)
+        axes = self._torso_axes(line)
+        world: FloatArray = (axes * direction[:, None]).sum(axis=0)
+        return world
+
 
 def _unit(vector: FloatArray) -> FloatArray:
     """Vectors (3, ...) scaled to length one; NaN where the length is zero."""

@@ -18,7 +18,7 @@ FIRST_CAMERA_STEPS, CAMERA_STEPS = 6, 1
 
 
 class PoseLimits(Protocol):
-    """What tells possible poses from impossible ones (`limits.model.Limits`)."""
+    """What tells possible poses from impossible ones (`lifting.limits.Limits`)."""
 
     def is_valid(self, xyz: FloatArray) -> BoolArray:
         """Flags (..., J - 1) of poses (..., J, 3)."""
