@@ -65,6 +65,8 @@ def test_every_command_has_help(command: str) -> None:
         (["clip.mp4", "--height", "162"], "metres"),
         (["clip.mp4", "--end", "1", "--start", "2"], "end"),
         (["clip.mp4", "--config", "absent.toml"], "absent.toml"),
+        (["clip.mp4", "--every", "1" + "0" * 21], "expected a whole number, 2147483647 at most"),
+        (["clip.mp4", "--write-body", "b.toml"], "b.toml: neither an option nor the value of one"),
     ],
 )
 def test_wrong_usage_is_one_line_and_status_2(
@@ -75,6 +77,30 @@ def test_wrong_usage_is_one_line_and_status_2(
     assert said in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("module", ["dance2pose.cli", "dance2pose.commands.reconstruct"])
+def test_ctrl_c_is_one_line_and_status_130(module: str) -> None:
+    code = (
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "sys.argv = ['dance2pose', 'clip.mp4']\n"
+        "from dance2pose.__main__ import main\nmain()\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (130, "")
+    assert result.stderr == "dance2pose: stopped\n"
+
+
+@pytest.mark.parametrize("address", ["scheduler", "tcp://scheduler", "tcp://", ":", "a b:1"])
+def test_an_address_without_a_host_or_port_is_wrong_usage(address: str, tmp_path: Path) -> None:
+    result = run("batch", "tapes", "archive", "--cluster", address, cwd=tmp_path)
+    assert result.returncode == 2
+    expected = f"cluster {address}: expected a scheduler's address, as tcp://host:8786"
+    assert result.stderr == f"dance2pose: {expected}\n"
 
 
 def test_a_missing_video_is_one_line_and_status_1(tmp_path: Path) -> None:

@@ -168,3 +168,19 @@ def test_no_output_is_an_input(two_results: tuple[Path, Path]) -> None:
     recording.write_bytes(b"RRF2 of dance2pose")
     with pytest.raises(UsageError, match="is an input"):
         compare_command(recording, b, output=recording, overwrite=True)
+
+
+@pytest.mark.parametrize("which", ["first", "second"])
+def test_a_performance_without_a_pose_is_named(which: str) -> None:
+    whole = performed(np.arange(60) / 30)
+    none = dataclasses.replace(whole, xyz=np.full_like(whole.xyz, np.nan))
+    pair = (none, whole) if which == "first" else (whole, none)
+    with pytest.raises(DataError, match=f"the {which} performance has no pose"):
+        compare(*pair)
+
+
+def test_one_phrase_is_one_phrase(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.npz"
+    write_poses(path, performed(np.arange(40) / 30))
+    compare_command(path, path, output=tmp_path / "out.rrd")
+    assert capsys.readouterr().out.splitlines()[0].endswith("; 1 phrase")

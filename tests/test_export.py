@@ -120,11 +120,21 @@ def test_a_missing_package_is_named_with_its_extra(
 
 
 def test_what_a_form_needs_is_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"--video"):
+    with pytest.raises(UsageError, match=r"no video is known; give it with --video"):
         export.write(SCENES["metres"](), tmp_path / "out.mp4")
+    elsewhere = make_scene(make_poses(TIMES), source={"file_name": "dance.mp4"})
+    with pytest.raises(UsageError, match=r"its video, dance\.mp4, is not beside .* --video"):
+        export.write(elsewhere, tmp_path / "out.mp4")
     with pytest.raises(UsageError, match=r"no keypoints"):
         export.write(make_poses(TIMES), tmp_path / "out.keypoints.csv")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".eaf", ".phrases.csv"])
+def test_frames_hours_apart_have_a_rate(tmp_path: Path, suffix: str) -> None:
+    times = np.arange(8) * 33_333.3
+    export.write(make_poses(times), tmp_path / f"slow{suffix}")
+    assert even(times, np.zeros((8, 1, 3))).rate == pytest.approx(1 / 33_333.3, rel=1e-3)
 
 
 def test_dancers_in_different_units_make_no_scene() -> None:

@@ -16,6 +16,7 @@ from dance2pose.archive.jobs import Outcome
 from dance2pose.archive.layout import Archive, create_archive
 from dance2pose.archive.ledger import Ledger
 from dance2pose.archive.report import write_report
+from dance2pose.archive.status import Status
 
 EVIL = "</script><script>document.title='owned'</script>\"'&.mp4"
 
@@ -144,3 +145,13 @@ def test_in_a_browser_the_page_searches_sorts_and_filters(tmp_path: Path, width:
     assert told["focus"] == "search"
     assert told["marked"] == 0  # an error's mark-up is text
     assert told["overflow"] <= 0
+
+
+def test_nothing_left_has_no_time_left() -> None:
+    done = Status({"done": 3}, {}, [], rate=0.5, left_s=0.0)
+    assert done.lines() == [
+        "3 items: 0 waiting, 0 running, 3 done, 0 failed",
+        "1800.0 items an hour in the last run",
+    ]
+    half = Status({"done": 3, "waiting": 30}, {}, [], rate=0.5, left_s=60.0)
+    assert half.lines()[-1].endswith(", about 1 min 0 s left")

@@ -66,10 +66,14 @@ def test_npz_any_array_can_be_named(tmp_path: Path) -> None:
     np.testing.assert_array_equal(after["xyz"], XYZ)
 
 
-def test_npz_one_euro_uses_the_times_in_the_file(tmp_path: Path) -> None:
+def test_npz_one_euro_uses_the_times_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     times = np.cumsum(RNG.uniform(0.01, 0.1, T))
     source = _npz(tmp_path / "in.npz", xyz=XYZ, time_s=times)
     run(source, output=tmp_path / "out.npz", model="one-euro", window=3, cutoff=2.0)
+    said = capsys.readouterr().err
+    assert "cut-off 2 Hz" in said and "window" not in said
     expected = smooth(XYZ, model="one-euro", window=3, time_s=times, cutoff_hz=2.0)
     np.testing.assert_array_equal(read_arrays(tmp_path / "out.npz")["xyz"], expected)
 
@@ -253,7 +257,7 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"expected a \.npz, \.csv, .*\.c3d, \.bvh file"):
         run(tmp_path / "in.fbx", output=tmp_path / "out.fbx")
     with pytest.raises(OutputError, match="exists already"):
-        run(source, output=source)
+        run(source, output=_npz(tmp_path / "there.npz", xyz=XYZ))
     with pytest.raises(DataError, match="cannot be read"):
         run(tmp_path / "absent.npz", output=tmp_path / "out.npz")
     with pytest.raises(UsageError, match="--key"):
@@ -279,3 +283,14 @@ def test_from_the_shell(tmp_path: Path, window: str, status: int, complaint: str
     assert complaint in done.stderr
     assert "Traceback" not in done.stderr
     assert (tmp_path / "out.npz").exists() == (status == 0)
+
+
+def test_the_output_never_replaces_the_input(tmp_path: Path) -> None:
+    source = _npz(tmp_path / "in.npz", xyz=XYZ)
+    before = source.read_bytes()
+    link = tmp_path / "link.npz"
+    link.symlink_to(source)
+    for output in (source, link):
+        with pytest.raises(UsageError, match="is an input of this run"):
+            run(source, output=output, overwrite=True)
+    assert source.read_bytes() == before

@@ -279,6 +279,8 @@ def test_butterworth_and_the_mean_of_a_window_smooth_alike() -> None:
     [
         ({"window": 0}, "window of 0"),
         ({"window": -3}, "window of -3"),
+        ({"window": 2.5}, "window 2.5: expected a whole number"),
+        ({"window": True}, "window True: expected a whole number"),
         ({"window": T + 1}, f"window of {T + 1} frames is longer than the sequence of {T}"),
         ({"model": "sgolay"}, "unknown temporal model 'sgolay'; known: none, sma"),
         ({"model": "savitzky-golay", "window": 4}, "odd window, not 4; give 3 or 5"),

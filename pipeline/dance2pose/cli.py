@@ -16,7 +16,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
-from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, Token
+from cyclopts import (
+    App,
+    ArgumentCollection,
+    CycloptsError,
+    Parameter,
+    Token,
+    UnusedCliTokensError,
+)
 
 from dance2pose import __version__
 from dance2pose.command_line import (
@@ -63,6 +70,7 @@ app = App(
     help_format="plaintext",
     help_formatter=HelpFormatter(),
     default_parameter=PARAMETERS,
+    suppress_keyboard_interrupt=False,
 )
 for _command, _summary in COMMANDS.items():
     app.command(f"dance2pose.commands.{_command}:{_command}", name=_command, help=_summary)
@@ -156,6 +164,9 @@ def _exit_status(arguments: list[str]) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         return _no_reader()
+    except UnusedCliTokensError as error:
+        unused = ", ".join(error.unused_tokens or ())
+        return _fail(f"{unused}: neither an option nor the value of one (see --help)", _USAGE)
     except CycloptsError as error:
         return _fail(" ".join(str(error).split()), _USAGE)
     except (UsageError, OutputExistsError) as error:

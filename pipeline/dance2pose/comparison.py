@@ -87,6 +87,9 @@ def compare(first: Track3D, second: Track3D) -> Comparison:
         raise UsageError(
             f"the performances have different skeletons, {first.skeleton} and {second.skeleton}"
         )
+    for track, which in ((first, "first"), (second, "second")):
+        if np.isnan(track.xyz).any(axis=2).all():
+            raise DataError(f"the {which} performance has no pose")
     skeleton = get(first.skeleton)
     a, b = (body_relative(track.xyz, skeleton) for track in (first, second))
     size_a, size_b = (_size(track.xyz, skeleton) for track in (first, second))

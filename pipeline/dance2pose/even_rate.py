@@ -68,7 +68,9 @@ def frame_rate(time_s: Times) -> float:
     usual = steps[(steps > 0) & (steps < 1.5 * step_s(time_s))]
     measured = 1 / float(usual.mean()) if len(usual) else 30.0
     nearest = min(_NOMINAL, key=lambda rate: abs(rate - measured))
-    return nearest if abs(nearest / measured - 1) < _SAME_RATE else round(measured, 4)
+    if abs(nearest / measured - 1) < _SAME_RATE:
+        return nearest
+    return round(measured, 4) if measured > 1 else float(f"{measured:.4g}")
 
 
 def even(

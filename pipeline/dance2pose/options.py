@@ -44,6 +44,8 @@ T = TypeVar("T")
 HEIGHT_RANGE_M = (0.3, 3.0)
 FOV_RANGE_DEG = (5.0, 170.0)
 LONGEST_DETECT_EVERY = 60
+# The largest whole number that every file can hold.
+LARGEST_WHOLE = 2**31 - 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +84,7 @@ class LiftOptions:
     the dancer through the room."""
     fov_deg: float | None = None
     """Field of view across the longer side of the picture in degrees, for the perspective camera;
-    assumed if not given."""
+    told by upright dancers or assumed if not given."""
     body: Path | None = None
     """Bone lengths of the dancers, as an earlier run wrote them with --write-body."""
 
@@ -317,10 +319,14 @@ def check_choices(options: Any) -> None:
 
 
 def check_whole(name: str, value: object, *, at_least: int) -> None:
-    """Raise UsageError unless `value` is a whole number of at least so many."""
+    """Raise UsageError unless `value` is a whole number of at least so many that files can hold."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not whole or value < at_least:  # type: ignore[operator]
         raise UsageError(f"{name} {value}: expected a whole number, {at_least} or more")
+    require(
+        value <= LARGEST_WHOLE,  # type: ignore[operator]
+        f"{name} {value}: expected a whole number, {LARGEST_WHOLE} at most",
+    )
 
 
 def check_number(name: str, value: float | None) -> float | None:

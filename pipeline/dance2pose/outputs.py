@@ -91,7 +91,7 @@ def plan_outputs(
     OutputError
         Where the folder is missing or cannot be written to.
     """
-    _check_no_input(main, inputs)
+    check_no_input(main, inputs)
     if _suffix(main) not in kinds:
         known = " or ".join(kinds)
         raise UsageError(f"{main}: expected a name that ends in {known}")
@@ -101,7 +101,7 @@ def plan_outputs(
         raise UsageError(f"{main}: two outputs would have one name; choose another with -o")
     earlier = _earlier(plan)
     for path in {*names, *earlier}:
-        _check_no_input(path, inputs)
+        check_no_input(path, inputs)
     check_output(main, overwrite=True)  # the folder, and whether it can be written to
     for path in sorted(earlier):
         check_may_replace(path, overwrite=overwrite)
@@ -175,7 +175,8 @@ def _earlier(plan: OutputPlan) -> set[Path]:
     return found
 
 
-def _check_no_input(path: Path, inputs: Sequence[Path | None]) -> None:
+def check_no_input(path: Path, inputs: Sequence[Path | None]) -> None:
+    """Raise UsageError where the output would replace an input, under whatever name."""
     for source in inputs:
         if source is None:
             continue

@@ -128,6 +128,8 @@ def find_model(name: str) -> TemporalModel:
 def check_window(model: str, window: int) -> None:
     """Raise UsageError unless `model` is known and can work with `window`."""
     find_model(model)
+    if not isinstance(window, int | np.integer) or isinstance(window, bool):
+        raise UsageError(f"window {window!r}: expected a whole number of frames")
     if window < 1:
         raise UsageError(f"a window of {window} frames is not possible; give 1 or more")
     if model == "savitzky-golay" and window % 2 == 0:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 
 from dance2pose.errors import UsageError
+
+# As Dask takes them: perhaps a protocol, a host, a port.
+_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:[0-9]{1,5}/?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +45,10 @@ class BatchOptions:
         _require(
             self.resources is None or self.cluster is not None,
             "resources: is about the workers of a cluster; give cluster as well",
+        )
+        _require(
+            self.cluster is None or _ADDRESS.fullmatch(self.cluster) is not None,
+            f"cluster {self.cluster}: expected a scheduler's address, as tcp://host:8786",
         )
         _require(
             self.cluster is None or self.workers is None,

@@ -45,7 +45,7 @@ class Status:
             by = (f"{self.verdicts[v]} {v}" for v in _VERDICTS if v in self.verdicts)
             lines.append(f"verdicts: {', '.join(by)}")
         if self.rate:
-            left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+            left = "" if not self.left_s else f", about {duration(self.left_s)} left"
             lines.append(f"{self.rate * 3600:.1f} items an hour in the last run{left}")
         for kind, example, count in self.failures:
             lines.append(f"failed ({kind or 'unknown'}): {count}, as {one_line(example)}")

@@ -93,10 +93,11 @@ def _summary(found: Comparison) -> str:
     whole = found.phrases[0]
     overall, *joints = whole.joints
     worst = max(joints, key=lambda d: d.mean)
+    count = len(found.phrases) - 1
     return (
         f"joints differ by {overall.mean:.3g} {found.unit} on average, most at the "
         f"{worst.joint.replace('_', ' ')} ({worst.mean:.3g}); the second takes "
-        f"{whole.tempo:.2f} times as long; {len(found.phrases) - 1} phrases"
+        f"{whole.tempo:.2f} times as long; {count} phrase{'' if count == 1 else 's'}"
     )
 
 

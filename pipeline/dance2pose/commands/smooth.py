@@ -17,6 +17,7 @@ from dance2pose.mocap.bvh import read_bvh_file
 from dance2pose.mocap.bvh_smoothing import bvh_text, smoothed_channels
 from dance2pose.npz_files import AnyArray, read_arrays, write_arrays
 from dance2pose.output_files import check_output, written_whole
+from dance2pose.outputs import check_no_input
 from dance2pose.reading.c3d import C3dFile
 from dance2pose.smoothing import (
     DEFAULT_BETA,
@@ -95,6 +96,7 @@ def smooth(
         raise UsageError(f"{output}: the output is of the same kind; give a name in {kind}")
     if key is not None and kind != ".npz":
         raise UsageError(f"{poses}: --key names an array of an .npz file, this is a {kind} file")
+    check_no_input(output, [poses])
     check_output(output, overwrite=overwrite)
     how = Smoothing(
         partial(smooth_values, model=model, window=window, cutoff_hz=cutoff, beta=beta),
@@ -109,7 +111,8 @@ def smooth(
         lag = find_model(model).lag(window)
         up_to = "up to " if model == "one-euro" else ""
         late = f"late by {up_to}{lag:.3g} frames" if lag else "without lag"
-        print(f"smoothed {what}: {model}, window {window}, {late}", file=sys.stderr)
+        width = f"window {window}" if cutoff is None else f"cut-off {cutoff:g} Hz"
+        print(f"smoothed {what}: {model}, {width}, {late}", file=sys.stderr)
         print(f"wrote {output}")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,7 +82,10 @@ def check(form: Form, scene: ExportScene | None = None) -> None:
     if scene is None:
         return
     if form.needs_video and scene.video is None:
-        raise UsageError(f"{form.name}: the result does not name its video; give it with --video")
+        source = scene.provenance.get("source")
+        name = source.get("file_name") if isinstance(source, Mapping) else None
+        where = f"its video, {name}, is not beside the result" if name else "no video is known"
+        raise UsageError(f"{form.name}: {where}; give it with --video")
     if form.needs_keypoints and any(p.keypoints is None for p in scene.dancers):
         raise UsageError(
             f"{form.name}: the result has no keypoints; they are read from its .track.npz files"
