@@ -11,8 +11,10 @@ import pytest
 
 from dance2pose.commands.smooth import smooth as run
 from dance2pose.errors import DataError, OutputError, UsageError
+from dance2pose.exchange import read_poses, write_poses
 from dance2pose.npz_files import read_arrays
-from dance2pose.smoothing import smooth
+from dance2pose.smoothing import smooth, smooth_track
+from recording_making import make_dancer
 
 T, J = 9, 4
 RNG = np.random.default_rng(0)
@@ -294,3 +296,14 @@ def test_the_output_never_replaces_the_input(tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="is an input of this run"):
             run(source, output=output, overwrite=True)
     assert source.read_bytes() == before
+
+
+def test_what_described_the_old_poses_is_computed_again_or_dropped(tmp_path: Path) -> None:
+    dancer = make_dancer(1, frame=list(range(9)), time_s=[0.04 * n for n in range(9)])
+    write_poses(tmp_path / "in.npz", dancer.raw)
+    run(tmp_path / "in.npz", output=tmp_path / "out.npz", model="ema", window=3, quiet=True)
+    smoothed = read_poses(tmp_path / "out.npz")
+    expected = smooth_track(dancer.raw, model="ema", window=3)
+    assert smoothed.sigma is None
+    assert np.isnan(smoothed.reprojection_error).all()
+    np.testing.assert_array_equal(smoothed.valid, expected.valid)

@@ -124,6 +124,7 @@ def analyse(
     (545, 17, 3)
     """
     settings = combined(Settings, settings, options)
+    known_bodies(settings.lift)
     with _opened(Path(video), settings) as frames:
         models = models or load_models(settings)
         return _analyse(frames, models, settings, on_frame, progress or Silent())
@@ -166,6 +167,7 @@ def reconstruct(
     """
     settings, outputs = combined(Settings, settings, options), outputs or OutputOptions()
     progress = progress or Silent()
+    known_bodies(settings.lift)  # a file that is none is found before any work
     inputs = (Path(video), settings.detector, settings.pose, settings.lift.body)
     plan = plan_run(Path(output), outputs, inputs=inputs, overwrite=overwrite)
     with _opened(Path(video), settings) as frames:

@@ -16,6 +16,7 @@ from dance2pose.options import (
     OutputOptions,
     Settings,
     SmoothOptions,
+    SpeedOptions,
     VideoOptions,
 )
 from dance2pose.progress import Progress, for_terminal
@@ -30,7 +31,9 @@ def batch(
     person: str = Settings.person,
     lift: Annotated[LiftOptions | None, FLAT] = None,
     smooth: Annotated[SmoothOptions | None, SMOOTH_FLAT] = None,
+    min_confidence: float | None = Settings.min_confidence,
     part: Annotated[VideoOptions | None, FLAT] = None,
+    speed: Annotated[SpeedOptions | None, FLAT] = None,
     outputs: Annotated[OutputOptions | None, SWITCHES_FLAT] = None,
     options: Annotated[BatchOptions | None, FLAT] = None,
     quality: Annotated[QualityLimits | None, FLAT] = None,
@@ -56,6 +59,9 @@ def batch(
         ONNX keypoint model, or its TOML manifest; a one-stage model needs no detector.
     person
         Whose poses: auto (one dancer, or all where several dance), all, largest, central, or N.
+    min_confidence
+        Score, 0 to 1, from which people and keypoints count; as is usual for each model if not
+        given.
     dry_run
         Say what would be done and how long it would take, from a short measurement.
     config
@@ -72,6 +78,8 @@ def batch(
         video=part or VideoOptions(),
         lift=lift or LiftOptions(),
         smooth=smooth or SmoothOptions(),
+        speed=speed or SpeedOptions(),
+        min_confidence=min_confidence,
     )
     recipe = Recipe(settings=settings, outputs=outputs or OutputOptions())
     if dry_run:

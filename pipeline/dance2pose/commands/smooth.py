@@ -12,7 +12,9 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from dance2pose import skeleton as skeletons
 from dance2pose.errors import DataError, UsageError
+from dance2pose.limits import model as limits
 from dance2pose.mocap.bvh import read_bvh_file
 from dance2pose.mocap.bvh_smoothing import bvh_text, smoothed_channels
 from dance2pose.npz_files import AnyArray, read_arrays, write_arrays
@@ -129,9 +131,26 @@ def _smooth_npz(
         arrays[name] = _smoothed(
             f"{source}: {name}", arrays[name], arrays.get("time_s"), frame, how.whole
         )
+    old = _forget_the_old_poses(arrays) if keys[0] == "xyz" else []
     write_arrays(output, arrays, overwrite=overwrite)
-    kept = ", ".join(name for name in arrays if name not in keys) or "nothing"
-    return f"{' and '.join(keys)} (kept as they are: {kept})"
+    kept = ", ".join(name for name in arrays if name not in (*keys, *old)) or "nothing"
+    again = f"computed again or dropped: {', '.join(old)}; " if old else ""
+    return f"{' and '.join(keys)} ({again}kept as they are: {kept})"
+
+
+def _forget_the_old_poses(arrays: dict[str, AnyArray]) -> list[str]:
+    """In a poses file, recompute or drop what described the poses before smoothing, as
+    `smooth_track` does. Returns the names of the arrays that are not as they were."""
+    name = str(arrays.get("skeleton", ""))
+    if name not in skeletons.names() or "valid" not in arrays or "unit" not in arrays:
+        return []
+    xyz = arrays["xyz"]
+    if skeletons.get(name).is_tree and xyz.shape[1:] == (len(skeletons.get(name)), 3):
+        arrays["valid"] = limits.load(name).is_valid(xyz)
+    if "reprojection_error" in arrays:
+        arrays["reprojection_error"] = np.full_like(arrays["reprojection_error"], np.nan)
+    changed = ["valid", *(["sigma"] if arrays.pop("sigma", None) is not None else [])]
+    return [*changed, "reprojection_error"]
 
 
 def _frame_numbers(arrays: dict[str, AnyArray], values: AnyArray) -> AnyArray | None:

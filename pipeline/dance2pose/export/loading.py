@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dance2pose.errors import DataError
+from dance2pose.errors import DataError, UsageError
 from dance2pose.exchange import read_poses, read_provenance, read_track
 from dance2pose.export.scene import ExportScene, SceneDancer
 from dance2pose.poses import Track2D
@@ -47,6 +47,8 @@ def load_scene(result: Path, *, video: Path | None = None) -> ExportScene:
 def poses_file(result: Path) -> Path:
     """The poses .npz that is meant by a result's name."""
     poses = result.with_suffix(".npz") if result.suffix.lower() == ".rrd" else result
+    if poses.suffix.lower() != ".npz":
+        raise UsageError(f"{result}: expected the poses (.npz) or the recording (.rrd) of a result")
     if not poses.is_file():
         beside = f", which goes with {result}" if poses != result else ""
         raise DataError(f"{poses}: no such file{beside}; expected the poses (.npz) of a result")
