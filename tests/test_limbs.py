@@ -58,6 +58,13 @@ def test_a_bent_leg_stays_bent(flexion_deg: float) -> None:
     assert abs(flexion(found).mean() - flexion_deg) < 3
 
 
+@pytest.mark.parametrize("flexion_deg", [8.0, 15.0, 25.0])
+def test_errors_do_not_make_bends_larger_on_average(flexion_deg: float) -> None:
+    xyz = legs(flexion_deg, 3000, 7, 12.0)
+    found = straight(xyz, np.full(xyz.shape, 12.0))
+    assert abs(flexion(found).mean() - flexion_deg) < 1.5
+
+
 def test_the_surer_the_joints_the_less_is_taken_back() -> None:
     xyz = legs(15.0, 50, 3, 0.0)
     taken = [np.abs(straight(xyz, np.full(xyz.shape, s)) - xyz).max() for s in (1.0, 10.0, 50.0)]

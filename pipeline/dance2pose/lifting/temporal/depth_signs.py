@@ -17,6 +17,11 @@ from dance2pose.skeleton import Skeleton
 
 # A bone's end moves towards or away from the viewer by up to about this, mm/s.
 _SPEED = 1000.0
+# Of the variance that the network expects for the depths of a bone's two ends: they err together.
+_APART_VARIANCE = 0.5
+# How much farther keypoints and lengths err than is known of them: of lasting errors of 15 mm the
+# track shows about 10, and smoothing keeps what it cannot see.
+_UNSEEN_ERRORS = 2.0
 # The network errs alike as long as the pose is alike: evidence counts anew when joints have moved
 # by so many mm in the picture, on average, or after so many seconds.
 _NEW_POSE_MM, _NEW_AFTER_S = 36.0, 1.5
@@ -42,9 +47,10 @@ def settle_depths(
     parents, children = np.array(skeleton.bones).T
     bone = xyz[:, children] - xyz[:, parents]
     predicted = bone[..., 2]
-    predicted_variance = sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2
+    predicted_variance = _APART_VARIANCE * (sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2)
     across2 = np.square(bone[..., :2]).sum(axis=-1)
     across_variance = sigma_xy[:, children] ** 2 + sigma_xy[:, parents] ** 2
+    across_variance = _UNSEEN_ERRORS**2 * across_variance
     # d^2 and the standard deviation of its error, from the errors of length and projection.
     square = lengths**2 - across2
     square_sigma = 2 * np.sqrt((spread * lengths**2) ** 2 + across2 * across_variance + 1.0)

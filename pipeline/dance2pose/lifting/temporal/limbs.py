@@ -1,9 +1,8 @@
 """Arms and legs that are straight as far as anybody can tell.
 
 The bend of a limb, how far its elbow or knee lies off the line between its ends, has no sign:
-errors of either direction make a straight limb look bent, never straighter than straight. The less
-a bend stands out from its error, the more of it is error, and is taken back (the shrinkage of James
-and Stein, 1961).
+errors of either direction make a straight limb look bent, never straighter than straight. On
+average they add their variance to the square of the bend: so much is taken from it.
 
 N frames, J joints; mm.
 """
@@ -20,9 +19,8 @@ from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import Skeleton
 
 _LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
-# The bend, squared and in variances, that is taken back whole: errors in two directions alone
-# make it 2 on average, and half of the time more.
-_TAKEN_BACK = 2.5
+# A bend errs in the two directions across its line.
+_DIRECTIONS = 2
 # Where the network does not know a pose at all, nothing speaks for straight limbs either: a larger
 # error than this is not believed to have made a bend, mm.
 _LARGEST_ERROR_MM = 60.0
@@ -48,8 +46,8 @@ def straightened(
             apart = (np.square(bend) / error).sum(axis=1)
             for part in parts:
                 apart[part] = _mean_nearby(apart[part], time_s[part])
-            back = np.minimum(_TAKEN_BACK / np.maximum(apart, 1e-9), 1.0)
-            xyz[:, b] -= back[:, None] * bend
+            left = np.sqrt(np.maximum(1 - _DIRECTIONS / np.maximum(apart, 1e-9), 0.0))
+            xyz[:, b] -= (1 - left)[:, None] * bend
     return Joints(xyz, joints.sigma)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dance2pose.body import retarget
 from dance2pose.lifting.error_calibration import ErrorParts
-from dance2pose.lifting.temporal.apparent_size import growth, sizes
+from dance2pose.lifting.temporal.apparent_size import growth, size_errors, sizes, sizes_of_body
 from dance2pose.lifting.temporal.body_of_track import (
     BodyMeasurements,
     Found,
@@ -87,7 +87,8 @@ def pose_one_body(
     focal_px: of a perspective camera that points at the dancer.
     """
     bias = seen.bias_mm if before is None else before.bias_mm
-    measurements = _measurements(answer, seen, bias, smooth=settings.smooth)
+    size = _size_of_frames(answer, seen, before)
+    measurements = _measurements(answer, seen, size, bias, smooth=settings.smooth)
     if before is not None and told:
         found, unit = before, unit_of(measurements, before)
     else:
@@ -104,9 +105,10 @@ def pose_one_body(
     return Posed(xyz, errors, answer.scale * size, found)
 
 
-def _measurements(answer: Depth, seen: Rows, bias_mm: float, *, smooth: bool) -> BodyMeasurements:
-    """Where joints are by what was seen and predicted, at the size that the answers have."""
-    size = _size_of_frames(answer, seen)
+def _measurements(
+    answer: Depth, seen: Rows, size: FloatArray, bias_mm: float, *, smooth: bool
+) -> BodyMeasurements:
+    """Where joints are by what was seen and predicted, at the size (N,) that the answers have."""
     px_per_mm = answer.scale * size
     picture = (seen.xy - answer.centre[:, None]) / px_per_mm[:, None, None]
     noise = jitter(picture, seen.confidence)
@@ -116,10 +118,21 @@ def _measurements(answer: Depth, seen: Rows, bias_mm: float, *, smooth: bool) ->
     return BodyMeasurements(joints, picture, noise, answer, size, seen)
 
 
-def _size_of_frames(answer: Depth, seen: Rows) -> FloatArray:
+def _size_of_frames(answer: Depth, seen: Rows, before: Found | None) -> FloatArray:
     """How large (N,) the dancer is in the network's answers, without what frames err in it."""
-    found = sizes(answer.xyz, seen.tree, seen.usual_mm) * answer.scale
-    return growth(found, answer.sigma, seen.parts, seen.time_s)
+    if before is None:
+        found, error = sizes(answer.xyz, seen.tree, seen.usual_mm), size_errors(answer.sigma)
+    else:
+        parents, children = np.array(seen.tree.bones).T
+        xyz = np.where(np.isfinite(seen.xy).all(axis=-1, keepdims=True), answer.xyz, np.nan)
+        variance = np.square(answer.sigma_z)
+        found, error = sizes_of_body(
+            xyz[:, children] - xyz[:, parents],
+            variance[:, children] + variance[:, parents],
+            before.bias_mm,
+            before.body,
+        )
+    return growth(found * answer.scale, error, seen.parts, seen.time_s)
 
 
 def seen_and_predicted(

@@ -18,7 +18,7 @@ from dance2pose import skeleton as skeletons
 from dance2pose.lifting.lifted import Lifted, Observed
 from dance2pose.lifting.pursuit.paper import keypoint_weights
 from dance2pose.lifting.temporal import depth
-from dance2pose.lifting.temporal.apparent_size import growth, sizes
+from dance2pose.lifting.temporal.apparent_size import growth, size_errors, sizes
 from dance2pose.lifting.temporal.body_of_track import Found
 from dance2pose.lifting.temporal.depth import Depth, Known, predict_frames
 from dance2pose.lifting.temporal.keypoint_errors import likely_projections
@@ -123,7 +123,7 @@ def _growth_alone(seen: Rows) -> FloatArray:
     """
     answer = predict_frames(seen.xy, seen.confidence, body17=seen.body17)
     size = sizes(answer.xyz, seen.tree, seen.usual_mm) * answer.scale
-    return growth(size, answer.sigma, seen.parts, seen.time_s)
+    return growth(size, size_errors(answer.sigma), seen.parts, seen.time_s)
 
 
 def _answers(seen: Rows, found: Found | None, unit: float, *, told: bool) -> Depth:
