@@ -26,6 +26,9 @@ _COMMON_ERROR = 0.015
 # A frame whose bone looks wrong by more than so many standard deviations counts less.
 _OUTLIER = 2.5
 _REWEIGHTED = 4
+# How much farther the network's lengths of a whole track err than it says of a frame's: what it
+# makes of a body is one opinion, and told with the same longest projections (held-out takes).
+_ONE_OPINION = 2.0
 # The part of the variance that the network expects for both ends of a bone which its depth lacks.
 _HEDGED = 0.1
 
@@ -93,7 +96,7 @@ def from_network(bones: FloatArray, bones_sigma: FloatArray) -> Measured:
     """
     weight = 1 / bones_sigma**2
     mean = weighted_mean(bones, weight)
-    return Measured(mean, np.sqrt(len(bones) / weight.sum(axis=0)))
+    return Measured(mean, _ONE_OPINION * np.sqrt(len(bones) / weight.sum(axis=0)))
 
 
 def estimate(
