@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from av.sidedata.sidedata import SideDataContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
@@ -71,7 +72,10 @@ def orientation(picture: VideoFrame) -> Orientation:
     The matrix maps stored (x, y) to shown (a x + c y, b x + d y), y down, in 16.16 fixed point
     (ISO/IEC 14496-12, 8.3.2). Turns are taken to the nearest quarter.
     """
-    data: Any = picture.side_data.get("DISPLAYMATRIX")
+    # `picture.side_data` would keep what it returns, which keeps the picture: a circle, so that
+    # pictures stay in memory until Python looks for such circles (PyAV 18).
+    container: Any = SideDataContainer  # whose stub lacks the picture that it takes
+    data = container(picture).get("DISPLAYMATRIX")
     if data is None:
         return Orientation()
     matrix = np.frombuffer(bytes(data), dtype=np.int32)

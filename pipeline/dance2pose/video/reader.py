@@ -192,8 +192,6 @@ class FrameReader:
             if time_s >= self._end_s:
                 return
             if number == 0 or picture.key_frame:
-                # Not of every picture: one whose side data was looked at holds itself in a circle
-                # (PyAV 18) and stays in memory until Python looks for such circles.
                 turned = orientation(picture)
             yield Timed(index, time_s, picture, turned, self._shapes.of(picture))
 
