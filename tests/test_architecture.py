@@ -15,7 +15,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("viewpoint", "poses", "options", "output_files", "leftovers", "holes", "file_hash"),
     ("skeleton_tables",),
     ("skeleton", "npz_files", "body", "settings_file", "tables"),
-    ("body_file", "body_variation"),
+    ("body_file", "body_variation", "portions"),
     ("angle_formulas",),
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dance2pose import portions
 from dance2pose.angles import angle_names, track_angles
 from dance2pose.commands.view import viewer_program
 from dance2pose.poses import Dancer
@@ -135,6 +136,27 @@ def test_raw_poses_have_the_bones_whose_two_ends_are_known(
         np.testing.assert_array_equal(rows[row][2], expected)
     assert rows[-1][0] == 10
     assert rows[-1][2] == []
+
+
+def test_dancers_sent_some_frames_at_a_time_are_the_same(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _ = record(video, tmp_path / "whole.rrd", picture="video")
+    monkeypatch.setattr(portions, "FRAMES", 3)
+    parts, _ = record(video, tmp_path / "parts.rrd", picture="video")
+    assert parts.entities == whole.entities
+    for n in (1, 2):
+        for entity, component in (
+            (f"/video/dancer_{n}/keypoints", "Points2D:positions"),
+            (f"/world/dancer_{n}/joints", "Points3D:positions"),
+            (f"/world/dancer_{n}/raw", "Points3D:positions"),
+            (f"/plots/dancer_{n}/sigma", "Scalars:scalars"),
+        ):
+            (frame, found), (same, expected) = (
+                rows_of(one, entity, component) for one in (parts, whole)
+            )
+            assert frame == same
+            np.testing.assert_array_equal(found, expected)
 
 
 def test_times_are_the_frames_own(

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dance2pose.lifting.world.root_trajectory import ANKLE_ABOVE_FLOOR_MM
-from dance2pose.poses import Dancer
+from dance2pose.poses import Dancer, FloatArray, Track3D
 from dance2pose.recording import overlays
 from dance2pose.recording.layout import _eye
 from dance2pose.skeleton import get
@@ -70,13 +70,17 @@ def test_joints_that_no_keypoint_saw_are_apart(dancer: Dancer) -> None:
     assert [len(bones) for bones in overlays.guessed_bones(track)] == [0, 0, 0, 1, 1, 1, 1]
 
 
+def _feet_on_floor(track: Track3D) -> FloatArray:
+    return overlays.feet_on_floor(track, overlays.standing(track))
+
+
 def test_feet_that_stand_are_marked(dancer: Dancer) -> None:
-    feet = overlays.feet_on_floor(dancer.smoothed)
+    feet = _feet_on_floor(dancer.smoothed)
     assert np.isfinite(feet).all()
     rising = np.array(dancer.smoothed.root)
     rising[:, 1] += np.linspace(0, 3, FRAMES)
-    assert np.isnan(overlays.feet_on_floor(replace(dancer.smoothed, root=rising))).all()
-    assert np.isnan(overlays.feet_on_floor(replace(dancer.smoothed, root=None))).all()
+    assert np.isnan(_feet_on_floor(replace(dancer.smoothed, root=rising))).all()
+    assert np.isnan(_feet_on_floor(replace(dancer.smoothed, root=None))).all()
 
 
 @pytest.mark.parametrize("degrees", [0.0, 90.0, -30.0])

@@ -9,6 +9,7 @@ is taken up again when the camera comes back to it.
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
 
 import cv2
@@ -87,11 +88,13 @@ class CameraMotionEstimator:
         self._start()
 
     def _start(self) -> None:
-        self._frames: list[int] = []
-        self._rotations: list[FloatArray] = []
-        self._zooms: list[float] = []
-        self._known: list[bool] = []
-        self._moved: list[float] = []
+        # Plain numbers: objects for each of an hour's frames would take much memory.
+        self._frames = array("q")
+        self._rotations = array("d")
+        self._zooms = array("d")
+        self._known = array("b")
+        self._moved = array("d")
+        self._rotation: FloatArray = np.eye(3)
         self._keys: list[_Key] = []
         self._key: _Key | None = None
         self._last: tuple[_Grey, _Grey] | None = None
@@ -105,7 +108,8 @@ class CameraMotionEstimator:
         rotation, zoom, known = self._estimated(picture, background)
         self._last = picture, background
         self._frames.append(frame.index)
-        self._rotations.append(rotation)
+        self._rotation = rotation
+        self._rotations.frombytes(rotation.astype(np.float64).tobytes())
         self._zooms.append(zoom)
         self._known.append(known)
         self._moved.append(self._movement(rotation, zoom))
@@ -115,7 +119,7 @@ class CameraMotionEstimator:
         if self._last is None:
             self._key = self._new_key(picture, background, np.eye(3), 1.0)
             return np.eye(3), 1.0, self._key is not None
-        before = self._rotations[-1], self._zooms[-1]
+        before = self._rotation, self._zooms[-1]
         found = self._followed(self._key, picture, background, *before)
         if found is None:  # something stands before the key's corners: those of the last picture
             self._key = self._new_key(*self._last, *before)
@@ -136,7 +140,7 @@ class CameraMotionEstimator:
 
     def _end_shot(self) -> None:
         frames = len(self._frames)
-        rotation, zoom = np.stack(self._rotations), np.array(self._zooms)
+        rotation, zoom = np.array(self._rotations).reshape(frames, 3, 3), np.array(self._zooms)
         if float(np.quantile(self._moved, 0.98)) < STILL_PX:
             rotation, zoom = np.broadcast_to(np.eye(3), (frames, 3, 3)), np.ones(frames)
         self._shots.append(
@@ -144,7 +148,7 @@ class CameraMotionEstimator:
                 np.array(self._frames, np.int64),
                 rotation,
                 zoom,
-                np.array(self._known),
+                np.array(self._known, np.bool_),
                 np.full(frames, len(self._shots), np.int64),
             )
         )

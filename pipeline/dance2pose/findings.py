@@ -8,6 +8,7 @@ import numpy as np
 
 from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.lifting.world.ground_plane import floor_heights
+from dance2pose.portions import portions
 from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D, Unit
 from dance2pose.skeleton import get
 
@@ -32,7 +33,7 @@ LEFT_OUT_S = 1.0
 
 
 def find(
-    dancers: Sequence[Dancer], everyone: Sequence[Track2D], timeline: Timeline
+    dancers: Sequence[Dancer], followed: Sequence[Track2D], timeline: Timeline
 ) -> tuple[str, ...]:
     """Sentences on the dancers of a video; none where there is nothing to report.
 
@@ -40,12 +41,13 @@ def find(
     ----------
     dancers
         Those who were lifted.
-    everyone
-        The tracks of all people who were followed, numbered as the dancers are.
+    followed
+        The tracks of people who were followed, numbered as the dancers are; those who are none of
+        these were left out.
     timeline
         Every frame that was processed.
     """
-    sentences = list(_left_out(dancers, everyone))
+    sentences = list(_left_out(dancers, followed))
     for dancer in dancers:
         found = [
             *_seen_seldom(dancer, timeline, alone=len(dancers) == 1),
@@ -59,9 +61,9 @@ def find(
     return tuple(sentences)
 
 
-def _left_out(dancers: Sequence[Dancer], everyone: Sequence[Track2D]) -> Iterator[str]:
+def _left_out(dancers: Sequence[Dancer], followed: Sequence[Track2D]) -> Iterator[str]:
     kept = {dancer.person for dancer in dancers}
-    for track in everyone:
+    for track in followed:
         seconds = float(track.time_s[-1] - track.time_s[0])
         if track.person not in kept and seconds >= LEFT_OUT_S:
             yield (
@@ -82,14 +84,20 @@ def turns_deg(xyz: FloatArray, timeline: Timeline, skeleton: str) -> FloatArray:
 
     NaN where a joint is missing or the frames are no neighbours in time.
     """
+    turned = np.full((max(len(xyz) - 1, 0), xyz.shape[1] - 1), np.nan)
+    for rows in portions(len(turned)):
+        turned[rows] = _turns_deg(xyz[rows.start : rows.stop + 1], skeleton)
+    turned[np.diff(timeline.time_s) > _NEIGHBOURS_S] = np.nan
+    return turned
+
+
+def _turns_deg(xyz: FloatArray, skeleton: str) -> FloatArray:
     parents, children = np.array(get(skeleton).bones).T
     bone = (xyz[:, children] - xyz[:, parents]).astype(np.float64)
     length = np.linalg.norm(bone, axis=-1, keepdims=True)
     direction = np.divide(bone, length, out=np.full_like(bone, np.nan), where=length > 0)
     cosine = (direction[1:] * direction[:-1]).sum(axis=-1)
-    turned = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    turned[np.diff(timeline.time_s) > _NEIGHBOURS_S] = np.nan
-    return np.asarray(turned)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _sudden_turns(track: Track3D) -> Iterator[str]:
@@ -131,7 +139,7 @@ def _far_off(dancer: Dancer) -> Iterator[str]:
 def _sunk(track: Track3D) -> Iterator[str]:
     if track.root is None:
         return
-    height = track.world_xyz[..., 1]
+    height = track.xyz[..., 1] + track.root[:, None, 1]
     known = np.isfinite(height).any(axis=1)
     lowest = np.where(np.isfinite(height), height, np.inf).min(axis=1)
     sunk = known & (lowest < -SUNK[track.unit])

@@ -211,7 +211,9 @@ def _analyse(
     for note in models.notes:
         progress.say(f"note: {note}")
     followed = track_people(frames, models, settings, on_frame, progress)
-    lost = losses(models.accounts, first_time_s=float(followed.timeline.time_s[0]))
+    frames.close()  # what follows needs memory and no pictures
+    timeline, motion = followed.timeline, followed.motion
+    lost = losses(models.accounts, first_time_s=float(timeline.time_s[0]))
     tracks = followed.tracker.finish(settings.person)
     if not tracks:
         raise VideoError(
@@ -220,14 +222,16 @@ def _analyse(
             "--min-confidence counts less sure ones too"
         )
     progress.say(f"lifting {len(tracks)} dancer{'s' if len(tracks) > 1 else ''} to 3D")
-    dancers, found_bodies = to_3d(tracks, settings, bodies, followed.motion)
-    source = Source(
-        frames.info, file_sha256(frames.info.path), followed.timeline, frames.deinterlaced
-    )
     # Who asked for one person knows that others are left out.
-    everyone = followed.tracker.finish("all") if settings.person == "auto" else tracks
-    said = (*frames.warnings, *models.notes, *lost, *followed.motion.notes())
-    findings = (*said, *find(dancers, everyone, source.timeline))
+    everyone = followed.tracker.finish("all") if settings.person == "auto" else []
+    numbers = {track.person for track in tracks}
+    left_out = [track for track in everyone if track.person not in numbers]
+    shots = followed.shots
+    del followed, everyone
+    dancers, found_bodies = to_3d(tracks, settings, bodies, motion)
+    source = Source(frames.info, file_sha256(frames.info.path), timeline, frames.deinterlaced)
+    said = (*frames.warnings, *models.notes, *lost, *motion.notes())
+    findings = (*said, *find(dancers, left_out, source.timeline))
     provenance = describe_run(
         source.info,
         models,
@@ -235,17 +239,13 @@ def _analyse(
         dancers,
         frames_read=len(source.timeline),
         stages={
-            "camera": describe_camera(
-                settings.lift, followed.motion, [dancer.raw for dancer in dancers]
-            ),
+            "camera": describe_camera(settings.lift, motion, [dancer.raw for dancer in dancers]),
             "deinterlaced": "yes" if source.deinterlaced else "no",
             **models.hardware,
         },
         warnings=findings,
     )
-    return Reconstruction(
-        source, followed.shots, tuple(dancers), provenance, findings, found_bodies
-    )
+    return Reconstruction(source, shots, tuple(dancers), provenance, findings, found_bodies)
 
 
 def to_3d(

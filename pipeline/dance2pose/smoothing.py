@@ -33,6 +33,7 @@ from dance2pose.temporal_models import TemporalModel as TemporalModel
 DEFAULT_MODEL = "mma"
 DEFAULT_WINDOW = SmoothOptions.window
 DEFAULT_BETA = 5.0
+_TOGETHER = 9  # columns filtered in one call; kernels hold several copies of them
 
 
 def smooth(
@@ -155,15 +156,17 @@ def smooth_part(
     _check_cutoff(cutoff_hz, beta, model, timed=time_s is not None)
     if window == 1 and cutoff_hz is None:
         return array.copy()
-    columns = array.reshape(len(array), -1).astype(np.float64)
-    sampling = Sampling(window, step_s, cutoff_hz, beta, _extent(columns))
+    columns = array.reshape(len(array), -1).astype(np.float64, copy=False)
+    extent = _extent(columns) if model == "one-euro" else 1.0  # no other model asks for it
+    sampling = Sampling(window, step_s, cutoff_hz, beta, extent)
     kernel = MODELS[model].kernel
     out = np.full_like(columns, np.nan)
     for first, last in _stretches(time_s, frame, len(array)):
         for start, stop, members in _runs(np.isfinite(columns[first:last])):
             rows = slice(first + start, first + stop)
-            out[rows, members] = kernel(columns[rows, members], times[rows], sampling)
-    return out.reshape(array.shape).astype(array.dtype)
+            for some in np.array_split(members, -(-len(members) // _TOGETHER)):
+                out[rows, some] = kernel(columns[rows, some], times[rows], sampling)
+    return out.reshape(array.shape).astype(array.dtype, copy=False)
 
 
 def _stretches(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -46,7 +47,7 @@ def track_people(
         tracking = replace(tracking, min_confidence=settings.min_confidence)
     tracker = Tracker(models.skeleton, frames.info.size, tracking)
     camera = CameraMotionEstimator(frames.info.size, settings.lift.fov_deg)
-    seen: list[tuple[int, float]] = []
+    seen, times = array("q"), array("d")
     starts: list[int] = []
     found = find_people(frames, models, settings.speed)
     for people in progress.track(
@@ -55,7 +56,8 @@ def track_people(
         frame = people.frame
         if people.cut or not starts:
             starts.append(len(seen))
-        seen.append((frame.index, frame.time_s))
+        seen.append(frame.index)
+        times.append(frame.time_s)
         with stage("tracking"):
             tracker.update(
                 frame.index,
@@ -70,8 +72,8 @@ def track_people(
         if on_frame is not None:
             with stage("recording"):
                 on_frame(frame)
-    indices = np.array([index for index, _ in seen], np.int64)
-    timeline = Timeline(indices, np.array([time for _, time in seen], np.float64))
+    indices = np.array(seen, np.int64)
+    timeline = Timeline(indices, np.array(times, np.float64))
     ends = [*starts[1:], len(seen)]
     return VideoTracks(
         tracker,

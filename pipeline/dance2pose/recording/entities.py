@@ -1,17 +1,26 @@
 """What a recording holds of each dancer over time: entity paths, and the columns that are sent.
 
-Every array goes out whole with `send_columns`, which is about a hundred times faster than a call
-a frame. All functions send to an open `rerun.RecordingStream`.
+Arrays go out with `send_columns`, thousands of frames at a time, which is about a hundred times
+faster than a call a frame. All functions send to an open `rerun.RecordingStream`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from dance2pose.portions import dancer_rows, portions, timeline_rows
 from dance2pose.poses import Dancer, FloatArray, Timeline, Track2D, Track3D
-from dance2pose.recording.overlays import drawn_over_picture, known_joints, send_columns_of
+from dance2pose.recording.overlays import (
+    Ground,
+    drawn_over_picture,
+    floor_under,
+    known_joints,
+    send_columns_of,
+    standing,
+)
 from dance2pose.recording.plots import angle_curves, trust_curves
 from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import get
@@ -102,36 +111,67 @@ class _Rows:
             rr.send_columns(path, time_columns(self.end), columns, recording=self.stream)
 
 
-def send_dancer(stream: rr.RecordingStream, dancer: Dancer, timeline: Timeline) -> None:
-    """Everything of one dancer that changes over time. timeline: every processed frame."""
-    track, person = dancer.keypoints, dancer.person
+def send_dancer(
+    stream: rr.RecordingStream,
+    dancer: Dancer,
+    timeline: Timeline,
+    flush: Callable[[], None] = lambda: None,
+) -> None:
+    """Everything of one dancer that changes over time.
+
+    timeline: every processed frame. flush: waits until what was sent is on its way to the file; it
+    is called every few thousand frames.
+    """
+    track = dancer.keypoints
     if not len(track):
         return
-    rows = _Rows(stream, track.timeline, _first_after(timeline, int(track.frame[-1])))
-    _send_keypoints(rows, track)
-    _send_boxes(rows, track)
+    end = _first_after(timeline, int(track.frame[-1]))
+    stands, floor = standing(dancer.smoothed), floor_under(dancer.smoothed)
+    filled_in = bool(track.interpolated.any())
+    for rows in portions(len(track)):
+        part = dancer_rows(dancer, rows)
+        is_last = rows.stop == len(track)
+        to = _Rows(stream, part.timeline, end if is_last else timeline_rows(end, slice(0)))
+        _send_frames(to, part, Ground(stands[rows], floor), filled_in=filled_in)
+        flush()
+    _send_curves(_Rows(stream, track.timeline, end), dancer)
+    flush()
+
+
+def _send_frames(rows: _Rows, dancer: Dancer, ground: Ground, *, filled_in: bool) -> None:
+    """What is seen of the dancer in the picture and in the world, in these frames."""
+    person = dancer.person
+    _send_keypoints(rows, dancer.keypoints, filled_in=filled_in)
+    _send_boxes(rows, dancer.keypoints)
     _send_projected(rows, dancer)
     _send_joints(rows, joints_path(person), known_joints(dancer.smoothed))
     send_columns_of(
-        dancer, lambda part, columns: rows.send_all(f"{dancer_path(person)}/{part}", columns)
+        dancer,
+        ground,
+        lambda part, columns: rows.send_all(f"{dancer_path(person)}/{part}", columns),
     )
     _send_joints(rows, raw_path(person), dancer.raw.world_xyz)
     _send_thin_bones(rows, raw_path(person), dancer.raw)
-    base = plots_path(person)
+
+
+def _send_curves(rows: _Rows, dancer: Dancer) -> None:
+    """Joint angles and what tells how far to trust a frame: one number a frame each."""
+    base = plots_path(dancer.person)
     for joint, curve in angle_curves(dancer).items():
         rows.send(f"{base}/angle/{joint}", rr.Scalars.columns(scalars=curve.values))
     for name, curve in trust_curves(dancer).items():
         rows.send(f"{base}/{name}", rr.Scalars.columns(scalars=curve.values))
 
 
-def _send_keypoints(rows: _Rows, track: Track2D) -> None:
+def _send_keypoints(rows: _Rows, track: Track2D, *, filled_in: bool) -> None:
     """Keypoints, every row with all of them: the viewer leaves out those that are NaN.
 
-    Rows that were filled in across a gap are an entity of their own, which looks otherwise.
+    Rows that were filled in across a gap, if there are any in the track, are an entity of their
+    own, which looks otherwise.
     """
     seen = np.where(track.interpolated[:, None, None], np.nan, track.xy)
     _send_points(rows, keypoints_path(track.person), seen)
-    if track.interpolated.any():
+    if filled_in:
         filled = np.where(track.interpolated[:, None, None], track.xy, np.nan)
         _send_points(rows, filled_in_path(track.person), filled)
 

@@ -7,18 +7,22 @@ world: joints that no keypoint saw, balls of uncertainty, feet that stand, the w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.lifting.world.ground_plane import standing_feet
 from dance2pose.lifting.world.root_trajectory import foot_joints
+from dance2pose.portions import track_rows
 from dance2pose.poses import BoolArray, Dancer, FloatArray, Track3D
 from dance2pose.recording.quiet_rerun import rr
 from dance2pose.skeleton import get
 
 # Length of the arrow that shows the way a dancer faces, in either unit.
 _ARROW = 0.35
+# Frames of each dancer, about, that tell which part of the world is danced in.
+_PLACES = 20_000
 # Sends columns of one entity, by the last part of its path.
 Send = Callable[[str, rr.ComponentColumnList], None]
 
@@ -53,14 +57,31 @@ def guessed_bones(track: Track3D) -> list[FloatArray]:
     return [bones[row, drawn[row]] for row in range(len(bones))]
 
 
-def feet_on_floor(track: Track3D) -> FloatArray:
-    """(T, 2, 3) where the left and the right foot stand, NaN where they do not."""
-    joints = foot_joints(get(track.skeleton))
+@dataclass(frozen=True)
+class Ground:
+    """What whole tracks tell of the ground. stands: (T, 2) which feet stand. floor: its height."""
+
+    stands: BoolArray
+    floor: float
+
+
+def standing(track: Track3D) -> BoolArray:
+    """Which feet (T, 2), left and right, stand; none where the path is not known."""
     if track.root is None:
-        return np.full((len(track), 2, 3), np.nan)
-    per_mm = BODY_HEIGHT_MM if track.unit == "body heights" else 1000.0
-    stands = standing_feet(track, per_mm)
-    return np.asarray(np.where(stands[..., None], track.world_xyz[:, joints], np.nan))
+        return np.zeros((len(track), 2), np.bool_)
+    return standing_feet(track, BODY_HEIGHT_MM if track.unit == "body heights" else 1000.0)
+
+
+def feet_on_floor(track: Track3D, stands: BoolArray) -> FloatArray:
+    """(T, 2, 3) where the left and the right foot stand, NaN where they do not."""
+    feet = _feet(track)
+    return np.asarray(np.where(stands[..., None], feet, np.nan))
+
+
+def _feet(track: Track3D) -> FloatArray:
+    """(T, 2, 3) the left and the right foot in the world."""
+    feet = track.xyz[:, foot_joints(get(track.skeleton))]
+    return feet if track.root is None else feet + track.root[:, None]
 
 
 def facing(track: Track3D) -> FloatArray:
@@ -76,20 +97,22 @@ def facing(track: Track3D) -> FloatArray:
         return np.asarray(np.where(length > 1e-6, ahead / length, np.nan))
 
 
-def facing_arrow(track: Track3D) -> tuple[FloatArray, FloatArray]:
-    """Origins and vectors (T, 3) of arrows on the floor beneath the dancer."""
-    origin = track.world_xyz[:, 0].copy()
-    feet = track.world_xyz[:, foot_joints(get(track.skeleton)), 1]
-    known = np.isfinite(feet).any(axis=1)
+def floor_under(track: Track3D) -> float:
+    """Height of the floor beneath the dancer."""
+    feet = _feet(track)[..., 1]
     if track.root is not None:
-        floor = 0.0 if np.nanmin(feet, initial=0.0) < 0.5 else float(np.nanmin(feet))
-    else:
-        floor = float(np.nanmin(feet)) if known.any() else 0.0
+        return 0.0 if np.nanmin(feet, initial=0.0) < 0.5 else float(np.nanmin(feet))
+    return float(np.nanmin(feet)) if np.isfinite(feet).any() else 0.0
+
+
+def facing_arrow(track: Track3D, floor: float) -> tuple[FloatArray, FloatArray]:
+    """Origins and vectors (T, 3) of arrows on the floor beneath the dancer."""
+    origin = track.xyz[:, 0] + (0.0 if track.root is None else track.root)
     origin[:, 1] = floor
     return origin, _ARROW * facing(track)
 
 
-def send_columns_of(dancer: Dancer, send: Send) -> None:
+def send_columns_of(dancer: Dancer, ground: Ground, send: Send) -> None:
     """Everything drawn in the world besides joints and raw poses."""
     track = dancer.smoothed
     strips = guessed_bones(track)
@@ -103,11 +126,11 @@ def send_columns_of(dancer: Dancer, send: Send) -> None:
             half_sizes=radii[known].astype(np.float32),
         )
         send("sigma", balls.partition(known.sum(axis=1)))
-    feet = feet_on_floor(track)
+    feet = feet_on_floor(track, ground.stands)
     stands = np.isfinite(feet).all(axis=2)
     columns = rr.Points3D.columns(positions=feet[stands].astype(np.float32))
     send("contact", columns.partition(stands.sum(axis=1)))
-    origin, vector = facing_arrow(track)
+    origin, vector = facing_arrow(track, ground.floor)
     known_way = np.isfinite(origin).all(axis=1) & np.isfinite(vector).all(axis=1)
     arrows = rr.Arrows3D.columns(
         origins=origin[known_way].astype(np.float32), vectors=vector[known_way].astype(np.float32)
@@ -141,10 +164,10 @@ def ruler(points: FloatArray, unit: str) -> tuple[list[FloatArray], FloatArray, 
 
 
 def all_positions(dancers: Sequence[Dancer], offsets: FloatArray) -> FloatArray:
-    """(N, 3) places of all joints of all dancers, as they are shown."""
-    return np.concatenate(
-        [
-            (d.smoothed.world_xyz + offset).reshape(-1, 3)
-            for d, offset in zip(dancers, offsets, strict=True)
-        ]
-    )
+    """(N, 3) places of all joints of all dancers, as they are shown; of a long track, in every
+    n-th frame."""
+    shown = []
+    for dancer, offset in zip(dancers, offsets, strict=True):
+        every = slice(None, None, 1 + len(dancer.smoothed) // _PLACES)
+        shown.append((track_rows(dancer.smoothed, every).world_xyz + offset).reshape(-1, 3))
+    return np.concatenate(shown)

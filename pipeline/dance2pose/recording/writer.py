@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from dance2pose.errors import OutputError
 from dance2pose.output_files import written_whole
+from dance2pose.portions import portions, timeline_rows
 from dance2pose.poses import Dancer, Frame, Timeline
 from dance2pose.provenance import Provenance
 from dance2pose.recording.entities import (
@@ -148,11 +149,13 @@ class RecordingWriter:
         """
         self._send_pictures()
         placement = place(dancers)
-        if len(self._references) and len(timeline.frame):
-            self._send(timeline, self._video_references(timeline))
+        if len(self._references):
+            for rows in portions(len(timeline)):
+                part = timeline_rows(timeline, rows)
+                self._send(part, self._video_references(part))
         send_style(self._stream, dancers, placement)
         for dancer in dancers:
-            send_dancer(self._stream, dancer, timeline)
+            send_dancer(self._stream, dancer, timeline, self._file.flush)
         stages = dict(provenance.stages)
         if self._reason:
             stages["picture"] = f"{self._picture}: {self._reason}"

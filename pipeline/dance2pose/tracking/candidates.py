@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,6 +47,34 @@ class Detections:
         return len(self.xyxy)
 
 
+class Sights:
+    """Where and how one person was seen, as plain numbers one after the other.
+
+    NumPy arrays of their own for every sight would take three times the memory, which counts over
+    an hour of video.
+    """
+
+    def __init__(self) -> None:
+        self.rows = array("q")
+        self.last_box: FloatArray = np.full(4, np.nan, np.float32)
+        self._values = array("f")
+
+    def add(self, row: int, xy: FloatArray, confidence: FloatArray, xyxy: FloatArray) -> None:
+        """A sight in frame number `row` of those processed: (J, 2), (J,) and (4,)."""
+        self.rows.append(row)
+        self.last_box = xyxy.astype(np.float32)
+        for part in (xy, confidence, xyxy):
+            self._values.frombytes(part.astype(np.float32).tobytes())
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Keypoints (N, J, 2), confidence (N, J) and boxes (N, 4) of the N sights, float32."""
+        sights = len(self.rows)
+        values = np.frombuffer(self._values.tobytes(), np.float32).reshape(sights, -1)
+        joints = (values.shape[1] - 4) // 3
+        xy, confidence, box = np.split(values, (2 * joints, 3 * joints), axis=1)
+        return xy.reshape(sights, joints, 2), confidence, box
+
+
 @dataclass
 class Candidate:
     """Someone who is being followed."""
@@ -55,10 +84,12 @@ class Candidate:
     xy: Float64Array  # last pose, (J, 2)
     centre: Float64Array  # of the box in which it was seen
     colours: Histogram | None
-    rows: list[int] = field(default_factory=list)
-    poses: list[FloatArray] = field(default_factory=list)
-    confidences: list[FloatArray] = field(default_factory=list)
-    boxes: list[FloatArray] = field(default_factory=list)
+    sights: Sights = field(default_factory=Sights)
+
+    @property
+    def rows(self) -> array[int]:
+        """Numbers of the frames, of those processed, in which it was seen."""
+        return self.sights.rows
 
     def expected_xy(self) -> Float64Array:
         """The last pose, moved to where the person is expected now."""

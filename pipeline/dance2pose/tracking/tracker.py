@@ -6,6 +6,8 @@ they agree in motion, box, keypoints and colours. Memory grows with the poses al
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
@@ -50,8 +52,8 @@ class Tracker:
         self._joints = len(skeletons.get(skeleton))
         self._torso = torso_joints(skeleton)
         self._body = skeletons.body_keypoints(skeleton)
-        self._frame: list[int] = []
-        self._time_s: list[float] = []
+        self._frame = array("q")
+        self._time_s = array("d")
         self._shot_starts: list[int] = [0]
         self._followed: list[Candidate] = []
         self._ended: list[Candidate] = []
@@ -203,10 +205,8 @@ class Tracker:
         self._record(candidate, detections, i)
 
     def _record(self, candidate: Candidate, detections: Detections, i: int) -> None:
-        candidate.rows.append(len(self._frame) - 1)
-        candidate.poses.append(detections.xy[i].astype(np.float32))
-        candidate.confidences.append(detections.confidence[i].astype(np.float32))
-        candidate.boxes.append(detections.xyxy[i].astype(np.float32))
+        row = len(self._frame) - 1
+        candidate.sights.add(row, detections.xy[i], detections.confidence[i], detections.xyxy[i])
 
     def _is_confirmed(self, candidate: Candidate) -> bool:
         return len(candidate.rows) >= self.settings.birth_sights
@@ -224,7 +224,7 @@ class Tracker:
         unseen_s = self._unseen_s(candidate)
         if not self._is_confirmed(candidate):
             return unseen_s > _TENTATIVE_PATIENCE_S
-        if candidate.colours is None or self._at_border(candidate.boxes[-1]):
+        if candidate.colours is None or self._at_border(candidate.sights.last_box):
             return unseen_s > self.settings.patience_s
         return unseen_s > max(self.settings.patience_s, self.settings.hidden_patience_s)
 
@@ -251,11 +251,7 @@ class Tracker:
         xy = np.full((length, self._joints, 2), np.nan, np.float32)
         confidence = np.zeros((length, self._joints), np.float32)
         box = np.full((length, 4), np.nan, np.float32)
-        xy[rows], confidence[rows], box[rows] = (
-            candidate.poses,
-            candidate.confidences,
-            candidate.boxes,
-        )
+        xy[rows], confidence[rows], box[rows] = candidate.sights.arrays()
         xy, filled = fill_gaps(xy, time_s, longest_s=self.settings.longest_gap_s)
         confidence[filled] = self.settings.min_confidence / 2
         unseen = np.ones(length, np.bool_)
