@@ -35,10 +35,12 @@ def doubted_where_keypoints_jump(poses: Track3D, track: Track2D) -> Track3D:
 
 def _unit_per_px(xyz: FloatArray, xy: FloatArray) -> float:
     """The length in space that a pixel at the dancer spans: from the heights of the figure."""
-    with np.errstate(invalid="ignore"):
-        ratios = [
-            np.ptp(joints[np.isfinite(joints)]) / max(np.ptp(points[np.isfinite(points)]), 1e-9)
-            for joints, points in zip(xyz[..., 1], xy[..., 1], strict=True)
-            if np.isfinite(joints).any() and np.isfinite(points).sum() > 1
-        ]
-    return float(np.median(ratios)) if ratios else 0.0
+    joints, points = _extents(xyz[..., 1]), _extents(xy[..., 1])
+    known = np.isfinite(joints) & (np.isfinite(xy[..., 1]).sum(axis=1) > 1)
+    ratios = joints[known] / np.maximum(points[known], 1e-9)
+    return float(np.median(ratios)) if len(ratios) else 0.0
+
+
+def _extents(values: FloatArray) -> FloatArray:
+    """From the lowest to the highest (T,) of the known values (T, J); NaN where none is."""
+    return np.asarray(np.fmax.reduce(values, axis=1) - np.fmin.reduce(values, axis=1))

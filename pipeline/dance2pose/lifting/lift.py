@@ -15,13 +15,14 @@ from dance2pose.errors import DataError, UsageError
 from dance2pose.lifting.implausible import implausible
 from dance2pose.lifting.jumps import doubted_where_keypoints_jump
 from dance2pose.lifting.lifted import Lifted, Lifter, Observed
-from dance2pose.lifting.world.field_of_view import estimated_fov
+from dance2pose.lifting.world.field_of_view import FieldOfView, estimated_fov
 from dance2pose.lifting.world.ground_plane import levelled
 from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.lifting.world.perspective import ASSUMED_FOV, ASSUMED_FOV_DEG, camera_of
 from dance2pose.limits import model as limits
 from dance2pose.options import Lifter as LifterName
 from dance2pose.options import LiftOptions, combined
+from dance2pose.portions import portions, track_rows
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
 from dance2pose.viewpoint import Viewpoint
 
@@ -114,38 +115,47 @@ def lift_with_bodies(
     in unrelated pictures, and with the paper's lifter."""
     options = combined(LiftOptions, options, named)
     bodies = known_bodies(options) if bodies is None else bodies
-    found, found_bodies = _lift_each(tracks, options, independent, bodies, motion)
+    lifted, found_bodies = _lift_each(tracks, options, independent, bodies, motion)
     if independent:  # every picture has a camera of its own
-        return found, found_bodies
-    out: dict[int, Track3D] = {}
+        return lifted, found_bodies
+    found = dict(enumerate(lifted))
+    del lifted
+    per_unit = BODY_HEIGHT_MM / (options.height_m or 1.0)
     for shot in sorted({track.shot for track in tracks}):
         rows = [n for n, track in enumerate(tracks) if track.shot == shot]
-        if options.fov_deg is None:
-            together = [tracks[n] for n in rows], [found[n] for n in rows]
-            for n, again in zip(rows, _with_estimated_fov(*together, options, bodies), strict=True):
-                found[n] = again
-        level = levelled([found[n] for n in rows], BODY_HEIGHT_MM / (options.height_m or 1.0))
-        out.update(zip(rows, level, strict=True))
-    placed = [
-        doubted_where_keypoints_jump(_reprojected(out[n], track, options), track)
-        for n, track in enumerate(tracks)
-    ]
-    return placed, found_bodies
+        fov = _told_fov([found[n] for n in rows], options, per_unit)
+        if fov is not None:
+            for n in rows:  # an hour of poses is not held twice
+                del found[n]
+            again = _lift_with_fov([tracks[n] for n in rows], fov, options, bodies)
+            found.update(zip(rows, again, strict=True))
+            del again
+        found.update(zip(rows, levelled([found[n] for n in rows], per_unit), strict=True))
+    for n, track in enumerate(tracks):
+        found[n] = doubted_where_keypoints_jump(_reprojected(found[n], track), track)
+    return [found[n] for n in range(len(tracks))], found_bodies
 
 
-def _with_estimated_fov(
+def _told_fov(
+    found: Sequence[Track3D], options: LiftOptions, per_unit: float
+) -> FieldOfView | None:
+    """The field of view that the tracks of one shot tell; None where they do not, or it is known.
+
+    Where the camera moves, its turns were told with the field of view that is assumed.
+    """
+    moves = any(track.viewpoint is not None and track.viewpoint.moves for track in found)
+    if options.fov_deg is not None or moves:
+        return None
+    return estimated_fov(found, per_unit, ASSUMED_FOV_DEG)
+
+
+def _lift_with_fov(
     tracks: Sequence[Track2D],
-    found: Sequence[Track3D],
+    fov: FieldOfView,
     options: LiftOptions,
     bodies: Mapping[str, Body] | None,
-) -> Sequence[Track3D]:
-    """The tracks of one shot lifted again with the field of view that they tell, if they do."""
-    if any(track.viewpoint is not None and track.viewpoint.moves for track in found):
-        return found  # its turns were told with the field of view that is assumed
-    per_unit = BODY_HEIGHT_MM / (options.height_m or 1.0)
-    fov = estimated_fov(found, per_unit, ASSUMED_FOV_DEG)
-    if fov is None:
-        return found
+) -> list[Track3D]:
+    """The tracks of one shot lifted again with the field of view that they told."""
     again = lift_in_camera(tracks, replace(options, fov_deg=fov.degrees), bodies=bodies)
     return [
         track
@@ -155,14 +165,25 @@ def _with_estimated_fov(
     ]
 
 
-def _reprojected(poses: Track3D, track: Track2D, options: LiftOptions) -> Track3D:
+def _reprojected(poses: Track3D, track: Track2D) -> Track3D:
     """The poses with the error of where their camera sees them now that they are on the floor."""
     if poses.viewpoint is None or poses.root is None:
         return poses
-    observed = observe(track, camera=options.camera_model)
-    seen = observed.xy * np.array([1.0, -1.0])
-    drawn = poses.viewpoint.project(poses.world_xyz)
-    return replace(poses, reprojection_error=np.linalg.norm(drawn - seen, axis=2))
+    error = np.empty_like(poses.reprojection_error)
+    for rows in portions(len(track)):
+        part = track_rows(poses, rows)
+        assert part.viewpoint is not None
+        seen, _ = skeletons.convert(
+            track.xy[rows].astype(np.float64),
+            track.confidence[rows],
+            source=track.skeleton,
+            target=poses.skeleton,
+        )
+        drawn = part.viewpoint.project(part.world_xyz)
+        error[rows] = np.linalg.norm(drawn - seen, axis=2)
+    # Keypoints that no body could have put there are left out, as they were in lifting.
+    error[np.isnan(poses.reprojection_error)] = np.nan
+    return replace(poses, reprojection_error=error)
 
 
 def lift_in_camera(
@@ -187,25 +208,31 @@ def _lift_each(
     bodies: Mapping[str, Body] | None,
     motion: CameraMotion | None,
 ) -> tuple[list[Track3D], list[Body | None]]:
+    both = [_lift_one(track, options, independent, bodies, motion) for track in tracks]
+    return [track for track, _ in both], [body for _, body in both]
+
+
+def _lift_one(
+    track: Track2D,
+    options: LiftOptions,
+    independent: bool,
+    bodies: Mapping[str, Body] | None,
+    motion: CameraMotion | None,
+) -> tuple[Track3D, Body | None]:
     per_mm = (options.height_m or 1.0) / BODY_HEIGHT_MM
     unit: Unit = "body heights" if options.height_m is None else "metres"
-    lift_frames = _lifter(options.lifter)
-    found, found_bodies = [], []
-    for track in tracks:
-        observed = observe(
-            track,
-            independent=independent,
-            camera=_usable_model(track, options),
-            fov_deg=options.fov_deg,
-            body=body_for(bodies, track.person) if bodies else None,
-        )
-        if motion is not None and not independent:
-            observed = replace(observed, motion=motion.at(track.frame))
-        seen = np.isfinite(observed.xy).all(axis=2)
-        lifted = lift_frames(observed) if seen.any() else _nothing(observed)
-        found.append(_as_track(track, observed, lifted, per_mm, unit))
-        found_bodies.append(lifted.body)
-    return found, found_bodies
+    observed = observe(
+        track,
+        independent=independent,
+        camera=_usable_model(track, options),
+        fov_deg=options.fov_deg,
+        body=body_for(bodies, track.person) if bodies else None,
+    )
+    if motion is not None and not independent:
+        observed = replace(observed, motion=motion.at(track.frame))
+    seen = np.isfinite(observed.xy).all(axis=2)
+    lifted = _lifter(options.lifter)(observed) if seen.any() else _nothing(observed)
+    return _as_track(track, observed, lifted, per_mm, unit), lifted.body
 
 
 def _usable_model(track: Track2D, options: LiftOptions) -> str:

@@ -31,7 +31,7 @@ from dance2pose.skeleton import get
 _MODEL = "lifter.onnx"
 _MIRROR = np.array(get("cmu17").mirror)
 # Frames of one series answered at a time, and how many of its neighbours an answer depends on.
-_CHUNK, _REACH = 2048, 24
+_CHUNK, _REACH = 512, 24
 _UNEVEN = 0.3  # of the step between frames: how far a frame may lie from its even place
 _SHORTEST_STEP_S = 1 / 120
 

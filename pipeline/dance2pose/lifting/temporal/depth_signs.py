@@ -25,6 +25,7 @@ _UNSEEN_ERRORS = 2.0
 # The network errs alike as long as the pose is alike: evidence counts anew when joints have moved
 # by so many mm in the picture, on average, or after so many seconds.
 _NEW_POSE_MM, _NEW_AFTER_S = 36.0, 1.5
+_CHUNK = 512  # frames solved together
 
 
 def settle_depths(
@@ -115,7 +116,26 @@ def _depths(
     step_variance: FloatArray,
     skeleton: Skeleton,
 ) -> tuple[FloatArray, FloatArray]:
-    """Least squares: joints (T, J) near where they were predicted, bones (T, J - 1) as settled."""
+    """Least squares: joints (T, J) near where they were predicted, bones (T, J - 1) as settled.
+
+    Frames have nothing to do with each other here, and each has a matrix (J, J): some at a time.
+    """
+    depths, variance = np.empty_like(predicted), np.empty_like(predicted)
+    for start in range(0, len(predicted), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        depths[rows], variance[rows] = _depths_of_frames(
+            predicted[rows], predicted_variance[rows], step[rows], step_variance[rows], skeleton
+        )
+    return depths, variance
+
+
+def _depths_of_frames(
+    predicted: FloatArray,
+    predicted_variance: FloatArray,
+    step: FloatArray,
+    step_variance: FloatArray,
+    skeleton: Skeleton,
+) -> tuple[FloatArray, FloatArray]:
     frames, joints = predicted.shape
     # The sum of all joints' errors is common to them (the root's own error): weak, not nothing.
     weight = 0.25 / predicted_variance

@@ -11,6 +11,7 @@ T frames, J joints; x right, y up, z towards the viewer; mm at the size of the o
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from dance2pose.lifting.temporal.one_body import (
 )
 from dance2pose.lifting.temporal.single_pictures import pose_pictures
 from dance2pose.lifting.temporal.track_rows import Rows, rows_of, stretches
+from dance2pose.lifting.temporal.windows import LONGEST_WHOLE, lift_in_windows
 from dance2pose.lifting.world.pointed_view import placed, pointed_at_dancer
 from dance2pose.poses import FloatArray
 
@@ -40,14 +42,26 @@ _PASSES, _STEADY = 3, 0.04
 
 def lift_frames(observed: Observed, *, settings: SequenceSettings | None = None) -> Lifted:
     """Poses of all frames but those in gaps of more than LONGEST_GAP_S, which stay NaN."""
+    weighted = replace(observed, confidence=keypoint_weights(observed.xy, observed.confidence))
+    lift = partial(_lift_weighted, settings or SequenceSettings())
+    if len(observed) > LONGEST_WHOLE and not observed.independent:
+        return lift_in_windows(weighted, lift)
+    return lift(weighted)
+
+
+def _lift_weighted(
+    settings: SequenceSettings, observed: Observed, known: Found | None = None
+) -> Lifted:
+    """Poses of all frames of keypoints whose confidence is their weight."""
     # paper15 is cmu17 without toes and in another order.
     skeleton = "cmu17" if observed.skeleton == "paper15" else observed.skeleton
-    weights = keypoint_weights(observed.xy, observed.confidence)
-    xy = np.where(weights[..., None] > 0, observed.xy, np.nan)
-    xy, weights = skeletons.convert(xy, weights, source=observed.skeleton, target=skeleton)
+    xy = np.where(observed.confidence[..., None] > 0, observed.xy, np.nan)
+    xy, weights = skeletons.convert(
+        xy, observed.confidence, source=observed.skeleton, target=skeleton
+    )
     same = replace(observed, xy=xy, confidence=weights, skeleton=skeleton)
-    find = _lift_in_perspective if observed.camera == "perspective" else _lift
-    lifted = find(same, settings or SequenceSettings())
+    lift = _lift_in_perspective if observed.camera == "perspective" else _lift
+    lifted = lift(same, settings, known)
     return lifted if skeleton == observed.skeleton else _converted(lifted, observed.skeleton)
 
 
@@ -56,21 +70,31 @@ def _converted(lifted: Lifted, target: str) -> Lifted:
     together = np.concatenate([lifted.xyz, lifted.projected, lifted.sigma[..., None]], axis=-1)
     confidence = np.ones(together.shape[:2])
     moved = skeletons.convert(together, confidence, source="cmu17", target=target)[0]
-    return Lifted(moved[..., :3], moved[..., 3:5], moved[..., 5], lifted.root, lifted.body)
+    found = moved[..., :3], moved[..., 3:5], moved[..., 5]
+    return Lifted(*found, lifted.root, lifted.body, lifted.errors)  # errors stay of cmu17's joints
 
 
 def _lift(
-    observed: Observed, settings: SequenceSettings, *, focal_px: float | None = None
+    observed: Observed,
+    settings: SequenceSettings,
+    known: Found | None = None,
+    *,
+    focal_px: float | None = None,
 ) -> Lifted:
     """Poses under a weak-perspective camera; with a focal length, in px, under a perspective one
-    that points at the dancer, so that xy (T, J, 2) is relative to the middle of its picture."""
+    that points at the dancer, so that xy (T, J, 2) is relative to the middle of its picture.
+
+    known: the body and the keypoints' errors, where more of the track has told them."""
     frames, joints = observed.confidence.shape
     xyz = np.full((frames, joints, 3), np.nan)
     projected, sigma = np.full((frames, joints, 2), np.nan), np.full((frames, joints), np.nan)
     rows, seen = rows_of(observed)
     if not len(rows):
         return Lifted(xyz, projected, sigma)
-    found = (_solve_pictures if observed.independent else _solve_sequence)(seen, settings, focal_px)
+    if observed.independent:
+        found = _solve_pictures(seen, settings, focal_px)
+    else:
+        found = _solve_sequence(seen, settings, focal_px, known)
     pose = found.xyz - found.xyz[:, :1]
     xyz[rows] = pose
     errors = found.errors.on_rows(rows, frames)
@@ -80,11 +104,13 @@ def _lift(
     return Lifted(xyz, projected, sigma, body=body, errors=errors)
 
 
-def _solve_sequence(seen: Rows, settings: SequenceSettings, focal_px: float | None) -> Posed:
+def _solve_sequence(
+    seen: Rows, settings: SequenceSettings, focal_px: float | None, known: Found | None
+) -> Posed:
     """Poses of one dancer: pass by pass, nearness is undone and the body is better known."""
     grown = _growth_alone(seen)
     shrink: FloatArray = 1 / grown[:, None, None]
-    found: Found | None = None
+    found = known
     unit, steady = 1.0, False
     last, passes = False, 0
     while not last:
@@ -94,7 +120,7 @@ def _solve_sequence(seen: Rows, settings: SequenceSettings, focal_px: float | No
         level = seen.scaled(shrink)
         answer = _answers(level, found, unit, told=last)
         posed = pose_one_body(answer, level, settings, found, told=last, focal_px=focal_px)
-        found, unit = posed.found, float(np.median(posed.px_per_mm))
+        found, unit = known or posed.found, float(np.median(posed.px_per_mm))
         px_per_mm = posed.px_per_mm * grown
         now = px_per_mm / np.median(px_per_mm)
         steady = float(np.abs(now / grown - 1).max()) < _STEADY
@@ -147,12 +173,15 @@ def _answers(seen: Rows, found: Found | None, unit: float, *, told: bool) -> Dep
     )
 
 
-def _lift_in_perspective(observed: Observed, settings: SequenceSettings) -> Lifted:
+def _lift_in_perspective(
+    observed: Observed, settings: SequenceSettings, known: Found | None = None
+) -> Lifted:
     """Poses as a camera pointed at the dancer would see them, turned back, and the path."""
     view = pointed_at_dancer(observed)
     if view is None:
-        return _lift(observed, settings)
-    lifted = _lift(replace(observed, xy=view.xy), settings, focal_px=view.camera.focal_px)
+        return _lift(observed, settings, known)
+    pointed, focal_px = replace(observed, xy=view.xy), view.camera.focal_px
+    lifted = _lift(pointed, settings, known, focal_px=focal_px)
     return placed(view, observed, lifted, [] if observed.independent else stretches(observed))
 
 

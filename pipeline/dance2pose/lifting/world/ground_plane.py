@@ -212,6 +212,7 @@ def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
         high = feet[..., 1] + path[:, None, 1] - ankle
         least = _least_height(xyz, track.estimated[rows], tree)
         least[path[:, 1] - ankle < least - _OTHER_FLOOR_MM] = -np.inf
+        del xyz  # of an hour that is 44 MB, and solving takes more
         path = solve_path(
             path,
             feet,
