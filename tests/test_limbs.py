@@ -58,11 +58,11 @@ def test_a_bent_leg_stays_bent(flexion_deg: float) -> None:
     assert abs(flexion(found).mean() - flexion_deg) < 3
 
 
-@pytest.mark.parametrize("flexion_deg", [8.0, 15.0, 25.0])
-def test_errors_do_not_make_bends_larger_on_average(flexion_deg: float) -> None:
-    xyz = legs(flexion_deg, 3000, 7, 12.0)
-    found = straight(xyz, np.full(xyz.shape, 12.0))
-    assert abs(flexion(found).mean() - flexion_deg) < 1.5
+def test_a_limb_plainly_bent_is_never_taken_for_straight() -> None:
+    xyz = legs(45.0, 9, 7, 0.0)
+    np.testing.assert_allclose(straight(xyz, np.full(xyz.shape, 55.0)), xyz, atol=1e-9)
+    less = flexion(straight(legs(30.0, 9, 7, 0.0), np.full(xyz.shape, 55.0)))
+    assert (less < 25).all()
 
 
 def test_the_surer_the_joints_the_less_is_taken_back() -> None:
@@ -83,7 +83,8 @@ def test_errors_of_the_picture_say_nothing_of_a_bend_in_depth() -> None:
 
 def test_only_elbows_and_knees_move() -> None:
     rng = np.random.default_rng(4)
-    xyz = rng.normal(0, 300, (9, len(TREE), 3))
+    down = np.arange(len(TREE))[:, None] * [0.0, -200.0, 0.0]
+    xyz = down + rng.normal(0, 10, (9, len(TREE), 3))
     found = straight(xyz, np.full(xyz.shape, 200.0))
     moved = {TREE.joints[j] for j in np.flatnonzero((found != xyz).any(axis=(0, 2)))}
     assert moved == {"left_elbow", "right_elbow", "left_knee", "right_knee"}
