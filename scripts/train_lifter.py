@@ -156,7 +156,10 @@ def _in_background(
 
 
 def batch_loss(model: DepthNetwork, views: Views) -> torch.Tensor:
-    """Mean joint error (up to translation), of position and velocity, and the likelihoods."""
+    """Mean joint error (up to translation), of position, velocity and bones, and the likelihoods.
+
+    An error that a bone's ends share leaves the angles right; one that they do not, bends limbs.
+    """
     scale = views.given.scale[:, None, None, None] * UNIT_MM
     truth = torch.from_numpy((views.truth / scale).astype(np.float32))
     life = torch.from_numpy((views.given.scale[:, None] / views.per_mm).astype(np.float32))
@@ -169,6 +172,8 @@ def batch_loss(model: DepthNetwork, views: Views) -> torch.Tensor:
     error = error - error.mean(dim=2, keepdim=True)
     distance = (error.square().sum(-1) + 1e-6).sqrt()
     loss = distance.mean()
+    bent = error[:, :, _CHILDREN] - error[:, :, _PARENTS]
+    loss = loss + 0.25 * (bent.square().sum(-1) + 1e-6).sqrt().mean()
     if error.shape[1] > 1:
         speed = error[:, 1:] - error[:, :-1]
         loss = loss + 0.3 * (speed.square().sum(-1) + 1e-6).sqrt().mean()

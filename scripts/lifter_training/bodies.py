@@ -15,8 +15,13 @@ from lifter_training.takes import Clips, TakeStore
 _SKELETON = get("cmu17")
 _MIRROR = np.array(_SKELETON.mirror)
 _SKELETONS = ("cmu17", "body17")
-# Bones of each limb, and how far it is turned at the shoulder or hip, degrees about each axis.
-_TURNED, _TURNS = 0.2, (([2, 3], 18), ([5, 6], 18), ([9, 10, 11], 8), ([13, 14, 15], 8))
+# Bones of each limb, and how far it is turned at the shoulder or hip, degrees about each axis: in
+# most clips as postures differ, in some as a leg is lifted.
+_TURNED, _TURNS = 0.25, (([2, 3], 18), ([5, 6], 18), ([9, 10, 11], 8), ([13, 14, 15], 8))
+_LIFTED, _LIFTS = 0.25, 25
+# Share of clips in which a limb (upper bone, lower bones) is stretched, and of their limbs.
+_STRETCHED, _LIMB_STRETCHED = 0.12, 0.4
+_STRETCHES = ((2, [3]), (5, [6]), (9, [10, 11]), (13, [14, 15]))
 
 
 def _path_matrix() -> FloatArray:
@@ -67,18 +72,52 @@ def _mixed(
 
 
 def limbs_turned(bones: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Bones (B, T, J - 1, 3) with arms and legs of one clip in five turned whole, at shoulder and
+    """Bones (B, T, J - 1, 3) with arms and legs of one clip in four turned whole, at shoulder and
     hip, each about an axis of its own and alike in all frames: poses that no take has."""
     some = np.flatnonzero(rng.random(len(bones)) < _TURNED)
     out = bones.copy()
+    lifted = rng.random(len(some)) < _LIFTED
     for limb, degrees in _TURNS:
-        turn = rng.standard_normal((len(some), 3)) * np.radians(degrees)
+        most = np.where(lifted, max(degrees, _LIFTS), degrees)
+        turn = rng.standard_normal((len(some), 3)) * np.radians(most)[:, None]
         matrix = Rotation.from_rotvec(turn).as_matrix().astype(np.float32)
-        part = bones[some][:, :, limb]
-        out[np.ix_(some, np.arange(bones.shape[1]), limb)] = (
-            part.reshape(len(some), -1, 3) @ matrix.mT
-        ).reshape(part.shape)
+        out[np.ix_(some, np.arange(bones.shape[1]), limb)] = _turned(
+            bones[some][:, :, limb], matrix
+        )
     return out
+
+
+def limbs_stretched(bones: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Bones (B, T, J - 1, 3) with some limbs of some clips nearly or wholly straight.
+
+    The lower bones turn towards the upper one by the same part of the bend in all frames: raised
+    straight legs and stretched arms, which dances have more of than the takes.
+    """
+    out = bones.copy()
+    chosen = rng.random(len(bones)) < _STRETCHED
+    for upper, lower in _STRETCHES:
+        some = np.flatnonzero(chosen & (rng.random(len(bones)) < _LIMB_STRETCHED))
+        part = rng.choice([0.5, 0.8, 0.95, 1.0], (len(some), 1, 1))
+        first, second = (_directions(bones[some][:, :, bone]) for bone in (upper, lower[0]))
+        axis = np.cross(second, first)
+        sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+        bend = np.arctan2(sine, (first * second).sum(axis=-1, keepdims=True))
+        # Near a whole fold the way back has no one direction; such limbs stay.
+        turn = np.where(bend < 2.8, part * bend, 0.0) * axis / np.maximum(sine, 1e-6)
+        matrix = Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().astype(np.float32)
+        matrix = matrix.reshape(*turn.shape[:2], 3, 3)
+        moved = np.einsum("btij,btkj->btki", matrix, bones[some][:, :, lower])
+        out[np.ix_(some, np.arange(bones.shape[1]), lower)] = moved
+    return out
+
+
+def _directions(bones: FloatArray) -> FloatArray:
+    return np.asarray(bones / np.maximum(np.linalg.norm(bones, axis=-1, keepdims=True), 1e-6))
+
+
+def _turned(bones: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Bones (B, T, K, 3) turned by one matrix (B, 3, 3) a clip."""
+    return np.asarray((bones.reshape(len(bones), -1, 3) @ matrix.mT).reshape(bones.shape))
 
 
 def posed(bones: FloatArray, lengths: FloatArray, rng: np.random.Generator) -> FloatArray:

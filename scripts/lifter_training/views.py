@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dance2pose.lifting.temporal.network import NetworkInput, longest_projections, network_input
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import get
-from lifter_training.bodies import bodies, limbs_turned, posed
+from lifter_training.bodies import bodies, limbs_stretched, limbs_turned, posed
 from lifter_training.detections import Noise, noise, swapped_sides, visible
 from lifter_training.takes import TakeStore
 
@@ -65,7 +65,9 @@ def random_views(
     body17 = rng.random(count) < mixture.body17
     clips = store.clips(rng, body17, length, far)
     lengths = bodies(store, clips, body17, rng, mixture.body)
-    bones = limbs_turned(clips.bones, rng) if mixture.training else clips.bones
+    bones = clips.bones
+    if mixture.training:
+        bones = limbs_stretched(limbs_turned(bones, rng), rng)
     both = posed(bones, lengths, rng)
     steep = _STEEP[length == 1] if mixture.training else 0.0
     camera = _cameras(rng, count, steep, training=mixture.training)
