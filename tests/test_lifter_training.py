@@ -12,7 +12,7 @@ from dance2pose.lifting.temporal.network import BONES, FEATURES, JOINTS
 from dance2pose.mocap.bodies import drawn_bodies
 from dance2pose.mocap.corpus import Take
 from dance2pose.skeleton import get
-from lifter_training.bodies import bodies, limbs_turned, posed
+from lifter_training.bodies import bodies, limbs_stretched, limbs_turned, posed
 from lifter_training.detections import noise
 from lifter_training.takes import TakeStore
 from lifter_training.views import Mixture, random_views
@@ -109,6 +109,32 @@ def test_limbs_turn_whole_so_that_elbows_and_knees_stay_as_they_are(store: TakeS
         )
         np.testing.assert_allclose(after, before, rtol=1e-3, atol=20)
     np.testing.assert_array_equal(turned[:, :, [0, 1, 7, 8]], clips.bones[:, :, [0, 1, 7, 8]])
+
+
+def test_stretched_limbs_lose_one_part_of_their_bend_and_nothing_else_changes(
+    store: TakeStore,
+) -> None:
+    rng = np.random.default_rng(4)
+    clips = store.clips(rng, np.zeros(300, bool), 3, 0)
+    stretched = limbs_stretched(clips.bones, rng)
+    moved = np.abs(stretched - clips.bones).max(axis=(1, 2, 3)) > 1
+    assert 15 < moved.sum() < 60
+    for upper, lower in ((2, 3), (5, 6), (9, 10), (13, 14)):
+        some = np.abs(stretched[:, :, lower] - clips.bones[:, :, lower]).max(axis=(1, 2)) > 1
+        before, after = (_bend(bones[some], upper, lower) for bones in (clips.bones, stretched))
+        part = (after / before).reshape(-1)[before.reshape(-1) > 0.1]
+        nearest = np.abs(part[:, None] - [0.5, 0.2, 0.05, 0.0]).min(axis=1)
+        assert len(part) and nearest.max() < 0.01
+    lengths = (np.linalg.norm(bones, axis=-1) for bones in (clips.bones, stretched))
+    np.testing.assert_allclose(*lengths, rtol=1e-4)
+    trunk = [0, 1, 2, 4, 5, 7, 8, 9, 12, 13]
+    np.testing.assert_array_equal(stretched[:, :, trunk], clips.bones[:, :, trunk])
+
+
+def _bend(bones: np.ndarray, upper: int, lower: int) -> np.ndarray:
+    first, second = bones[:, :, upper], bones[:, :, lower]
+    across = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.asarray(np.arctan2(across, (first * second).sum(axis=-1)))
 
 
 def test_slow_errors_last_and_their_level_is_known() -> None:
