@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dance2pose.body import BODY_HEIGHT_MM
-from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
+from dance2pose.lifting.world.camera_tilt import camera_tilt_deg
+from dance2pose.lifting.world.ground_plane import levelled
 from dance2pose.poses import FloatArray, Timeline, Track3D
 from dance2pose.skeleton import get
 

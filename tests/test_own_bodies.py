@@ -28,8 +28,10 @@ from dance2pose.evaluation.perspective_scenes import (
 from dance2pose.evaluation.report import evaluate
 from dance2pose.evaluation.scoring import run
 from dance2pose.evaluation.settings import EvaluationSettings
+from dance2pose.lifting.error_calibration import ErrorParts
 from dance2pose.lifting.lifted import Lifted, Observed
-from dance2pose.lifting.world.perspective import camera_of, place
+from dance2pose.lifting.world.perspective import camera_of
+from dance2pose.lifting.world.standing_place import place
 from dance2pose.mocap.bodies import drawn_bodies, variations
 from dance2pose.mocap.corpus import Take, read_take
 from dance2pose.progress import Silent
@@ -60,7 +62,9 @@ def test_a_perspective_scene_is_what_its_camera_sees_of_the_whole_path() -> None
         observed = scene.observed()
         assert observed.camera == "perspective" and observed.fov_deg == scene.fov_deg
         camera = camera_of(IMAGE_SIZE, scene.fov_deg)
-        root = place(camera, scene.truth, observed.xy, observed.confidence)
+        flat = (observed.xy - camera.centre) / camera.focal_px
+        exact = ErrorParts(np.zeros(flat.shape[:2]), np.zeros(flat.shape[:2]), 0.0)
+        root = place(scene.truth, flat, observed.confidence, exact, CMU).at
         off = camera.project(scene.truth + root[:, None]) - observed.xy
         assert np.abs(off).max() < 1e-6
         assert -(scene.truth + root[:, None])[..., 2].max() > 0.9 * NEAREST_MM

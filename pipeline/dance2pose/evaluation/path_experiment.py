@@ -14,7 +14,8 @@ from dance2pose.evaluation.metrics import foot_slide, mean_over, true_contacts
 from dance2pose.evaluation.settings import EvaluationSettings
 from dance2pose.evaluation.tables import Cell, Table
 from dance2pose.lifting.lift import lift_in_camera
-from dance2pose.lifting.world.ground_plane import camera_tilt_deg, levelled
+from dance2pose.lifting.world.camera_tilt import camera_tilt_deg
+from dance2pose.lifting.world.ground_plane import levelled
 from dance2pose.lifting.world.root_trajectory import ANKLE_ABOVE_FLOOR_MM
 from dance2pose.mocap.corpus import Take, resample
 from dance2pose.poses import BoolArray, FloatArray, Timeline, Track2D, Track3D

@@ -30,6 +30,10 @@ class ErrorParts:
     noise: FloatArray
     bias_mm: float
 
+    def at(self, rows: slice) -> ErrorParts:
+        """Those of some frames."""
+        return ErrorParts(self.pose[rows], self.noise[rows], self.bias_mm)
+
     def on_rows(self, rows: IntArray, frames: int) -> ErrorParts:
         """The same for `frames` frames of which these are some; NaN in the others."""
         pose, noise = np.full((2, frames, self.pose.shape[1]), np.nan)

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dance2pose.body import BODY_HEIGHT_MM
-from dance2pose.lifting.world.ground_plane import standing_feet
-from dance2pose.lifting.world.root_trajectory import foot_joints
+from dance2pose.lifting.world.contact import foot_joints, standing_feet
 from dance2pose.portions import track_rows
 from dance2pose.poses import BoolArray, Dancer, FloatArray, Track3D
 from dance2pose.recording.quiet_rerun import rr

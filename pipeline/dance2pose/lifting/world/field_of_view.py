@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dance2pose.lifting.world.ground_plane import PLANE_DEG_MM, UPRIGHT_DEG, tilt_evidence
+from dance2pose.lifting.world.camera_tilt import UPRIGHT_DEG, tilt_evidence
 from dance2pose.poses import Track3D
 
 # Standard deviation of the logarithm of focal lengths of cameras that people use, about the one
@@ -41,8 +41,9 @@ def estimated_fov(
     tracks: in the camera's axes, lifted with a field of view of assumed_deg.
     """
     placed = [track for track in tracks if track.root is not None]
-    upright, plane, spread = tilt_evidence(placed, mm_per_unit)
-    if not np.isfinite([upright, plane]).all() or spread <= 0:
+    evidence = tilt_evidence(placed, mm_per_unit)
+    upright, (plane, plane_error) = evidence.upright_deg, evidence.plane
+    if not np.isfinite([upright, plane]).all():
         return None
     roots = np.concatenate([track.root for track in placed if track.root is not None])
     roots = roots[np.isfinite(roots).all(axis=1)]
@@ -51,7 +52,7 @@ def estimated_fov(
     # angle below the camera's axis, from which bodies' tilts are told.
     floor = np.degrees(np.arctan(np.tan(np.radians(plane)) / _FACTORS))
     bodies = upright + np.degrees(np.arctan(below) - np.arctan(below / _FACTORS))
-    error = math.hypot(UPRIGHT_DEG, PLANE_DEG_MM / spread)
+    error = math.hypot(UPRIGHT_DEG, plane_error)
     slope = float(np.abs(np.gradient(floor - bodies, np.log(_FACTORS)))[len(_FACTORS) // 2])
     if slope * _LEAST_SURE < error:
         return None

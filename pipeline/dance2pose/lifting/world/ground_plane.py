@@ -1,8 +1,7 @@
 """World axes with a level floor, for the dancers that one camera saw.
 
-A camera that looks down sees a floor that rises with distance. How far it looks down is told by
-the dancers: bodies stand upright on average, and feet that stand, near and far, stand on one plane.
-Feet on that plane in turn tell how far away the dancer is, better than the size of the figure does.
+The dancers are turned by the camera's tilt (`camera_tilt`) and put on the floor by their feet. Feet
+on the floor in turn tell, beside the size of the figure, how far away the dancer is.
 """
 
 from __future__ import annotations
@@ -14,23 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dance2pose import skeleton as skeletons
-from dance2pose.holes import unbroken
-from dance2pose.lifting.world.path_solver import ACROSS_MM, Floor, solve_path
-from dance2pose.lifting.world.root_trajectory import (
-    ANKLE_ABOVE_FLOOR_MM,
-    contacts,
-    floor_level,
-    foot_joints,
-)
+from dance2pose.lifting.world.camera_tilt import camera_tilt_deg
+from dance2pose.lifting.world.contact import firmness, foot_joints, known_runs, standing_feet
+from dance2pose.lifting.world.path_solver import ACROSS_MM, ALONG_MM, Floor, solve_path
+from dance2pose.lifting.world.root_trajectory import ANKLE_ABOVE_FLOOR_MM, floor_level
 from dance2pose.poses import BoolArray, FloatArray, Track3D
 from dance2pose.skeleton import Skeleton
 
-# A dancer is upright only about so, degrees; a plane through feet is known the better, the farther
-# they are apart along the view (error in degrees times their spread in mm), and not at all where it
-# contradicts the bodies.
-UPRIGHT_DEG, PLANE_DEG_MM, _CONTRADICTION_DEG = 5.0, 1700.0, 12.0
-_STEEPEST_DEG = 70.0
-_FEWEST_CONTACTS = 20
 # A foot that stands is on the floor unless it is this far from it: a step, a chair, a mistake.
 _ON_FLOOR_MM = 120.0
 # A foot farther than this below the floor, mm, is on no floor that was found.
@@ -46,6 +35,8 @@ _PINNED, _ANKLE_ERROR_MM = 0.5, (10.0, 40.0)
 # How far off a camera that turns leaves the path, mm: it is carried by hand as well, and what turns
 # it by a degree too little puts a dancer three metres away 50 mm too low.
 _TURNING_MM = 50.0
+# How far off a figure's distance is, as a multiple of how far off its joints are.
+_AS_JOINTS = 1.0
 # How much lower than that of a foot flat on the floor an ankle may be: people differ.
 _LOWER_MM = 15.0
 
@@ -82,84 +73,6 @@ def floor_heights(tracks: Sequence[Track3D], mm_per_unit: float) -> list[float]:
         else _floor(track, standing_feet(track, mm_per_unit), mm_per_unit)
         for track in tracks
     ]
-
-
-def camera_tilt_deg(tracks: Sequence[Track3D], mm_per_unit: float) -> float:
-    """How far the camera looks down, degrees; 0 where nothing tells it."""
-    tilt, plane, spread = tilt_evidence(tracks, mm_per_unit)
-    if not np.isfinite(tilt):
-        return 0.0
-    if abs(plane - tilt) < _CONTRADICTION_DEG:
-        weight = (UPRIGHT_DEG * spread / PLANE_DEG_MM) ** 2
-        tilt = (tilt + weight * plane) / (1 + weight)
-    return float(np.clip(tilt, -_STEEPEST_DEG, _STEEPEST_DEG))
-
-
-def tilt_evidence(tracks: Sequence[Track3D], mm_per_unit: float) -> tuple[float, float, float]:
-    """How far the camera looks down by bodies that stand upright and by the floor's slope, degrees,
-    NaN where it is not told; and how far apart along the view standing feet are, mm."""
-    upright, feet = [], []
-    for track in tracks:
-        assert track.root is not None
-        upright.append(_standing(track))
-        joints = foot_joints(skeletons.get(track.skeleton))
-        at = track.world_xyz[:, joints]
-        feet.append(at[standing_feet(track, mm_per_unit)] * mm_per_unit)
-    up = np.concatenate(upright) if upright else np.zeros((0, 3))
-    plane, spread = _plane_tilt_deg(feet)
-    if not len(up):
-        return float("nan"), plane, spread
-    _, y, z = up.mean(axis=0)
-    return float(np.degrees(np.arctan2(z, y))), plane, spread
-
-
-def _standing(track: Track3D) -> FloatArray:
-    """Directions (N, 3) from the ankles to the head, of the more upright half of the frames."""
-    tree = skeletons.get(track.skeleton)
-    ankles = track.xyz[:, foot_joints(tree)].mean(axis=1)
-    along = track.xyz[:, tree.index("head")] - ankles
-    length = np.linalg.norm(along, axis=1)
-    known = np.isfinite(length) & (length > 0)
-    if not known.any():
-        return np.zeros((0, 3))
-    tall = known & (length >= np.median(length[known]))
-    return np.asarray(along[tall] / length[tall, None])
-
-
-def _plane_tilt_deg(feet: Sequence[FloatArray]) -> tuple[float, float]:
-    """Slope of the floors that standing feet show, degrees, and their spread in depth, mm.
-
-    feet: (N, 3) mm of each dancer, who may stand on floors of different heights but one slope.
-    """
-    enough = [at for at in feet if len(at) >= _FEWEST_CONTACTS]
-    if not enough:
-        return float("nan"), 0.0
-    centred = np.concatenate([at - at.mean(axis=0) for at in enough])
-    spread = float(centred[:, 2].std())
-    if spread < 1.0:
-        return float("nan"), 0.0
-    slope = float((centred[:, 2] * centred[:, 1]).sum() / np.square(centred[:, 2]).sum())
-    return float(-np.degrees(np.arctan(slope))), spread
-
-
-def _known_runs(track: Track3D) -> list[slice]:
-    assert track.root is not None
-    known = np.isfinite(track.root).all(axis=1) & np.isfinite(track.xyz).all(axis=(1, 2))
-    return unbroken(np.asarray(known))
-
-
-def standing_feet(track: Track3D, mm_per_unit: float) -> BoolArray:
-    """Which feet (T, 2), left and right, stand."""
-    assert track.root is not None
-    stands = np.zeros((len(track), 2), dtype=bool)
-    for rows in _known_runs(track):
-        stands[rows] = contacts(
-            track.xyz[rows] * mm_per_unit,
-            track.root[rows] * mm_per_unit,
-            track.time_s[rows],
-            skeletons.get(track.skeleton),
-        )
-    return stands
 
 
 def _turned(track: Track3D, turn: FloatArray) -> Track3D:
@@ -205,8 +118,9 @@ def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
     tree, root = skeletons.get(track.skeleton), track.root.copy()
     turns = track.viewpoint is not None and track.viewpoint.moves
     error = _ankle_error(track, stands, floor, mm_per_unit)
-    for rows in _known_runs(track):
+    for rows in known_runs(track):
         xyz, path = track.xyz[rows] * mm_per_unit, root[rows] * mm_per_unit
+        firm = firmness(xyz, path, track.time_s[rows], tree)
         ankle = floor * mm_per_unit + ANKLE_ABOVE_FLOOR_MM
         feet = xyz[:, foot_joints(tree)]
         high = feet[..., 1] + path[:, None, 1] - ankle
@@ -216,10 +130,11 @@ def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
         path = solve_path(
             path,
             feet,
-            stands[rows] & (np.abs(high) < _ON_FLOOR_MM),
+            np.where(np.abs(high) < _ON_FLOOR_MM, firm, 0.0),
             track.time_s[rows],
             floor=Floor(np.array([0.0, 1.0, 0.0]), ankle, error),
             least=least,
+            along_mm=_distance_error(track, mm_per_unit)[rows],
             across_mm=_TURNING_MM if turns else ACROSS_MM,
         )
         root[rows] = path / mm_per_unit
@@ -227,6 +142,14 @@ def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
     if seen is not None and turns:
         seen = seen.aimed(track.root, root)
     return replace(track, root=root, viewpoint=seen), floor
+
+
+def _distance_error(track: Track3D, mm_per_unit: float) -> FloatArray:
+    """How far off (T,) the distance is that the size of the figure tells, mm."""
+    if track.sigma is None:
+        return np.full(len(track), ALONG_MM)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(_AS_JOINTS * track.sigma.mean(axis=1) * mm_per_unit)
 
 
 def _ankle_error(track: Track3D, stands: BoolArray, floor: float, mm_per_unit: float) -> float:

@@ -18,7 +18,7 @@ from dance2pose.poses import BoolArray, FloatArray
 # Errors of the path found frame by frame, across the line of sight and along it; the size of a
 # figure tells its distance far worse than its place.
 ACROSS_MM = 8.0
-_ALONG_MM = 60.0
+ALONG_MM = 60.0
 _SUNK_MM = 1.5  # that a foot may be below the floor
 _SLIDE_MM = 1.0  # that a standing foot may move from frame to frame
 _ACCELERATION = 4000.0  # mm / s^2, of the pelvis
@@ -40,31 +40,32 @@ class Floor:
 def solve_path(
     seen: FloatArray,
     feet: FloatArray,
-    contact: BoolArray,
+    contact: FloatArray | BoolArray,
     time_s: FloatArray,
     *,
     floor: Floor | None = None,
     least: FloatArray | None = None,
+    along_mm: FloatArray | float = ALONG_MM,
     across_mm: float = ACROSS_MM,
 ) -> FloatArray:
     """The path (T, 3).
 
     seen: (T, 3) frame by frame. feet: (T, F, 3) ankles relative to the pelvis. contact: (T, F)
-    which stand. floor: where they stand, if it is known. least: (T,) how high above standing
-    ankles' height the pelvis must be for no foot to be below the floor, used with `floor`.
-    across_mm: error of what was seen across the line of sight.
+    how firmly they stand, 0 to 1. floor: where they stand, if it is known. least: (T,) how high
+    above standing ankles' height the pelvis must be for no foot to be below the floor, used with
+    `floor`. along_mm, across_mm: error of what was seen along the line of sight, (T,) or one for
+    all, and across it.
     """
     if len(seen) < 3:
         return seen
-    blocks, right = _seen_terms(seen, across_mm)
+    blocks, right = _seen_terms(seen, along_mm, across_mm)
     if floor is not None:
         across = floor.up[:, None] * floor.up / floor.error_mm**2
         missing = floor.height - feet @ floor.up
         for foot in range(feet.shape[1]):
-            blocks[contact[:, foot]] += across
-            right[contact[:, foot]] += np.outer(
-                missing[contact[:, foot], foot] / floor.error_mm**2, floor.up
-            )
+            firm = contact[:, foot].astype(float)
+            blocks += firm[:, None, None] * across
+            right += np.outer(firm * missing[:, foot] / floor.error_mm**2, floor.up)
     bands, right = _banded(blocks, right, feet, contact, time_s)
     path = solveh_banded(bands, right.ravel()).reshape(seen.shape)
     if floor is None or least is None:
@@ -93,13 +94,14 @@ def _lifted(
     return np.asarray(path)
 
 
-def _seen_terms(seen: FloatArray, across_mm: float) -> tuple[FloatArray, FloatArray]:
+def _seen_terms(
+    seen: FloatArray, along_mm: FloatArray | float, across_mm: float
+) -> tuple[FloatArray, FloatArray]:
     """Precision (T, 3, 3) of what was seen, and its product with it (T, 3)."""
     distance = np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
     along = seen / distance
-    blocks = np.eye(3) / across_mm**2 + along[:, :, None] * along[:, None] * (
-        1 / _ALONG_MM**2 - 1 / across_mm**2
-    )
+    less = np.broadcast_to(1 / np.square(along_mm) - 1 / across_mm**2, len(seen))
+    blocks = np.eye(3) / across_mm**2 + along[:, :, None] * along[:, None] * less[:, None, None]
     return blocks, (blocks @ seen[..., None])[..., 0]
 
 
@@ -107,7 +109,7 @@ def _banded(
     blocks: FloatArray,
     right: FloatArray,
     feet: FloatArray,
-    contact: BoolArray,
+    contact: FloatArray | BoolArray,
     time_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """The whole system as upper bands (9, 3 T), unknowns frame by frame, and its right side."""
@@ -120,7 +122,7 @@ def _banded(
             bands[8 - 3 * apart, axis::3] += smooth[2 - apart]
         for other in range(axis, 3):
             bands[8 - (other - axis), other::3] += blocks[:, axis, other]
-    both = contact[1:] & contact[:-1]
+    both = np.minimum(contact[1:], contact[:-1]).astype(float)
     for foot in range(feet.shape[1]):
         weight = both[:, foot] / _SLIDE_MM**2
         step = -weight[:, None] * np.diff(feet[:, foot], axis=0)

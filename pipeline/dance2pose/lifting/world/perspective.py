@@ -1,4 +1,4 @@
-"""A real camera with a known field of view: which way it sees a dancer, and how far away.
+"""A real camera with a known field of view: which way it sees what.
 
 Image points are pixels with y up, as in `lifted`; camera axes here are x right, y up, z towards
 the viewer, so that everything seen has negative z. The principal point is the picture's centre and
@@ -22,8 +22,6 @@ ASSUMED_FOV = (
     f"assumed to be {ASSUMED_FOV_DEG:g} degrees across the longer side of the picture; distances "
     "towards the camera scale with it"
 )
-# A figure smaller than this part of the focal length has no distance that could be told.
-_LEAST_EXTENT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -70,29 +68,3 @@ def seen_straight(camera: PerspectiveCamera, xy: FloatArray, rotation: FloatArra
     with np.errstate(invalid="ignore"):
         ahead = np.minimum(turned[..., 2:], -1e-6)
     return np.asarray(-camera.focal_px * turned[..., :2] / ahead)
-
-
-def place(
-    camera: PerspectiveCamera, xyz: FloatArray, xy: FloatArray, weights: FloatArray
-) -> FloatArray:
-    """Where (T, 3) poses must stand to be seen as they were.
-
-    xyz: (T, J, 3) poses in camera axes. xy: (T, J, 2) px. weights: (T, J), 0 where not seen.
-    Linear least squares: a joint at p + t is seen along (u, v, -1) where p + t + (p + t)_z (u, v)
-    vanishes across the view. NaN where fewer than two joints were seen, or all at one point.
-    """
-    flat = np.nan_to_num(camera.rays(xy)[..., :2])
-    w = np.where(np.isfinite(xy).all(axis=-1), weights, 0.0)[..., None]
-    frames, joints = xy.shape[:2]
-    system = np.zeros((frames, joints, 2, 3))
-    system[..., 0, 0] = system[..., 1, 1] = 1.0
-    system[..., 2] = flat
-    right = -(xyz[..., :2] + flat * xyz[..., 2:])
-    weighted = (system * w[..., None]).reshape(frames, -1, 3)
-    normal = weighted.transpose(0, 2, 1) @ system.reshape(frames, -1, 3)
-    share = w / np.maximum(w.sum(axis=1, keepdims=True), 1e-300)
-    extent = (share * (flat - (share * flat).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
-    known = ((w[..., 0] > 0).sum(axis=1) >= 2) & (extent > _LEAST_EXTENT**2)
-    normal[~known] = np.eye(3)
-    at = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ right.reshape(frames, -1, 1))
-    return np.asarray(np.where(known[:, None], at[..., 0], np.nan))

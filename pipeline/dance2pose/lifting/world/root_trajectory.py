@@ -1,69 +1,48 @@
 """The dancer's path through the room: feet that stand do not slide.
 
-T frames; axes x right, y up, z towards the viewer; mm. A foot is its ankle and, where the skeleton
-has one, its toe.
+T frames; axes x right, y up, z towards the viewer; mm.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from dance2pose.holes import unbroken
-from dance2pose.lifting.world.path_solver import solve_path
+from dance2pose.lifting.world.contact import firmness, foot_joints
+from dance2pose.lifting.world.path_solver import ALONG_MM, solve_path
+from dance2pose.lifting.world.uprightness import above_feet, upright_frames
 from dance2pose.poses import BoolArray, FloatArray
 from dance2pose.skeleton import Skeleton
 
-# A foot stands where it moves no faster than this, while the other foot or the body may, and is
-# not this much higher than the lowest it has been nearby.
-_STANDING_MM_S = 350.0
-_LIFTED_MM = 70.0
-_SHORTEST_S = 0.1
-
-
-def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
-    """The joint of the left and of the right foot that touches the floor: the ankle.
-
-    The toe turns about it while the dancer stands on the whole foot or on its ball alike.
-    """
-    return skeleton.index("left_ankle"), skeleton.index("right_ankle")
+# How far away a dancer is in a frame that does not tell it.
+_NOT_SEEN_MM = 1000.0
+_ROUNDS = 2
+# Of the one body (0.039 of its height, Drillis and Contini).
+ANKLE_ABOVE_FLOOR_MM = 65.0
 
 
 def follow_floor(
-    xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton
+    xyz: FloatArray,
+    root: FloatArray,
+    time_s: FloatArray,
+    skeleton: Skeleton,
+    along_mm: FloatArray | float = ALONG_MM,
 ) -> FloatArray:
-    """The path (T, 3) near `root` along which standing feet neither slide nor leave the floor.
+    """The path (T, 3) near `root` along which standing feet do not slide.
 
     xyz: (T, J, 3) poses with the first joint at the origin. root: (T, 3) found frame by frame, NaN
-    where it could not be; the camera at the origin. See `path_solver`.
+    where it could not be; the camera at the origin. along_mm: its error along the view, (T,) or one
+    for all. See `path_solver`.
     """
     seen, feet = _filled(root), xyz[:, foot_joints(skeleton)]
-    path = solve_path(seen, feet, np.zeros(feet.shape[:2], dtype=bool), time_s)
-    for _ in range(2):
-        contact = contacts(xyz, path, time_s, skeleton)
-        path = solve_path(seen, feet, contact, time_s)
+    along = np.where(np.isfinite(root[:, 0]), along_mm, _NOT_SEEN_MM)
+    above = above_feet(xyz, skeleton)
+    up = above[upright_frames(above)].mean(axis=0)
+    up = up / np.linalg.norm(up)
+    path = solve_path(seen, feet, np.zeros(feet.shape[:2]), time_s, along_mm=along)
+    for _ in range(_ROUNDS):
+        firm = firmness(xyz, path, time_s, skeleton, up)
+        path = solve_path(seen, feet, firm, time_s, along_mm=along)
     return path
-
-
-def contacts(
-    xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton
-) -> BoolArray:
-    """Which feet (T, 2) stand: slow, low and for at least a tenth of a second."""
-    out: BoolArray = np.zeros((len(xyz), 2), dtype=bool)
-    if len(xyz) < 3:
-        return out
-    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
-    speed = np.linalg.norm(np.gradient(feet, time_s, axis=0), axis=-1)
-    lowest = np.minimum(feet[:, 0, 1], feet[:, 1, 1])
-    out[:] = (speed < _STANDING_MM_S) & (feet[..., 1] < lowest[:, None] + _LIFTED_MM)
-    for foot in range(2):
-        _drop_short(out[:, foot], time_s)
-    return out
-
-
-def _drop_short(flags: BoolArray, time_s: FloatArray) -> None:
-    for run in unbroken(flags):
-        if time_s[run][-1] - time_s[run.start] < _SHORTEST_S:
-            flags[run] = False
 
 
 def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
@@ -71,10 +50,6 @@ def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton:
     feet = (xyz[:, foot_joints(skeleton)] + root[:, None])[..., 1]
     height = np.nanmedian(feet[contact]) if contact.any() else np.nanquantile(feet, 0.05)
     return float(height) - ANKLE_ABOVE_FLOOR_MM
-
-
-# Of the one body (0.039 of its height, Drillis and Contini).
-ANKLE_ABOVE_FLOOR_MM = 65.0
 
 
 def _filled(root: FloatArray) -> FloatArray:
