@@ -3,7 +3,8 @@
     python scripts/calibrate_lifter.py SHARED/mocap/train
 
 Run after scripts/train_lifter.py has written models/lifter.onnx, and after any change to the
-lifter that changes its errors. The factors are kept in the model's own metadata.
+lifter that changes its errors. The factors are kept in the model's own metadata; or, with --into,
+in that of a network which was trained on these takes as well, and whose errors on them say nothing.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ def main() -> None:
     parser.add_argument("--hold-out", default=HELD_OUT, help="the takes that training left out")
     parser.add_argument("--frames", type=int, default=300, help="of each take, at 30 a second")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--into", type=Path, help="another lifter.onnx to keep them in, trained on these takes too"
+    )
     options = parser.parse_args()
     names = options.hold_out.split()
     # Takes of positions alone are left out: they are on no body of their own.
@@ -38,11 +42,12 @@ def main() -> None:
         print(calibration)
         for group, (one, two) in shares(kind, calibration).items():
             print(f"  {group}: {100 * one:.0f} % within one sigma, {100 * two:.0f} % within two")
-    path = asset("lifter.onnx")
+    path = options.into or asset("lifter.onnx")
     model = onnx.load(str(path))
     kept = {item.key: item.value for item in model.metadata_props if item.key != "sigma_factors"}
     kept[error_calibration.METADATA] = error_calibration.written(*calibrations)
-    kept["held_out_takes"] = " ".join(names)
+    if options.into is None:
+        kept["held_out_takes"] = " ".join(names)
     onnx.helper.set_model_props(model, kept)
     onnx.save(model, str(path))
 
