@@ -12,6 +12,8 @@ reads YOLOX (raw) and RTMPose (SimCC) models.
 - chain 1: the same with the detector on every frame.
 - bound: only the `session.run` calls that the chain needed, spread over as many threads as there
   are cores, on inputs made beforehand: the chain cannot be faster.
+- alone: the same if calls side by side did not slow each other (memory, caches): a part of them,
+  one after the other in one thread, their time divided by the cores.
 - rtmlib 10, rtmlib 1: its PoseTracker over the frames of cv2.VideoCapture, with the detector on
   every tenth or on every frame; no tracks, no 3D, no output.
 
@@ -78,12 +80,13 @@ def main() -> None:
     parser.add_argument("--detect-every", type=int, default=SpeedOptions.detect_every)
     parser.add_argument("--seconds", type=float, help="of the video to use, all if not given")
     parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--cores", type=int, help="to use, by affinity; all if not given")
+    parser.add_argument("--cores", type=int, help="to use, by affinity, without rtmlib")
     parser.add_argument("--rtmlib-python", type=Path, help="of an environment that has rtmlib")
     parser.add_argument("--no-rtmlib", action="store_true")
     options = parser.parse_args()
     if options.cores:
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
+        options.no_rtmlib = True  # its ONNX Runtime binds threads to all cores, whatever we say
     print(f"{options.video.name}, {options.detector.name}, {options.pose.name}")
     print(f"{usable_cores()} cores, load {os.getloadavg()[0]:.1f}, ORT {onnxruntime.__version__}")
     with tempfile.TemporaryDirectory() as name:
@@ -95,6 +98,7 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     turns: dict[str, Callable[[], Turn]] = {
         "chain": lambda: bench.chain(options.detect_every),
         "bound": bench.bound,
+        "alone": bench.alone,
         "chain 1": lambda: bench.chain(1),
     }
     if not options.no_rtmlib:
@@ -157,12 +161,27 @@ class Bench:
             self.profile, self.frames = profile, summary.frames
         return Turn(summary.frames, time.perf_counter() - wall, time.process_time() - cpu)
 
-    def bound(self) -> Turn:
-        """The model calls of the last chain, and nothing else, in one thread a core."""
+    def calls(self) -> list[Callable[[], Any]]:
+        """The model calls of the last chain."""
         jobs = []
         for name, model in (("keypoints", self.estimator), ("detector", self.detector)):
             session: Session = vars(model)["session"]
             jobs += [model_call(session)] * self.profile.calls[name]
+        return jobs
+
+    def alone(self) -> Turn:
+        """Every fourth of the model calls, one after the other in one thread."""
+        jobs = self.calls()
+        wall, cpu = time.perf_counter(), time.process_time()
+        for job in jobs[::4]:
+            job()
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        part = len(jobs[::4]) / len(jobs)
+        return Turn(self.frames, wall / part / usable_cores(), cpu / part)
+
+    def bound(self) -> Turn:
+        """The model calls of the last chain, and nothing else, in one thread a core."""
+        jobs = self.calls()
         wall, cpu = time.perf_counter(), time.process_time()
         with ThreadPoolExecutor(usable_cores()) as pool:
             for done in [pool.submit(job) for job in jobs]:

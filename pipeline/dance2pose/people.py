@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 
@@ -96,11 +97,11 @@ class PoseModels:
 
     def estimate(self, image: Image, boxes: Boxes) -> Poses2D:
         """The keypoints of those in the boxes. Not for one-stage models."""
-        assert isinstance(self.estimator, KeypointEstimator)  # held by load_models
+        estimator = cast(KeypointEstimator, self.estimator)  # held by load_models
         if not len(boxes):
-            return self.estimator.estimate(image, boxes)
+            return estimator.estimate(image, boxes)
         with stage("keypoints"):
-            return self.estimator.estimate(image, boxes)
+            return estimator.estimate(image, boxes)
 
     def find(self, image: Image) -> tuple[Boxes, Poses2D]:
         """The people of one picture, as boxes and keypoints in the same order."""

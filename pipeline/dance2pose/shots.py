@@ -88,8 +88,10 @@ def prepare(image: Image, inner: Inner | None = None) -> Image:
     if inner is not None:
         left, top, width, height = inner
         image = image[top : top + height, left : left + width]
-    step = max(1, min(image.shape[:2]) // (2 * SIZE))  # averaging every pixel costs too much
-    small = cv2.resize(image[::step, ::step], (SIZE, SIZE), interpolation=cv2.INTER_AREA)
+    height, width = image.shape[:2]
+    step = max(1, min(height, width) // (2 * SIZE))  # averaging every pixel costs too much
+    thinned = cv2.resize(image, (width // step, height // step), interpolation=cv2.INTER_NEAREST)
+    small = cv2.resize(thinned, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
     grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
     centred = grey - cv2.GaussianBlur(grey, (0, 0), NEIGHBOURHOOD)
     variance = cv2.GaussianBlur(centred * centred, (0, 0), NEIGHBOURHOOD)

@@ -54,6 +54,7 @@ class Tracker:
         self._body = skeletons.body_keypoints(skeleton)
         self._frame = array("q")
         self._time_s = array("d")
+        self._step_s = 0.0  # the usual one between the last frames
         self._shot_starts: list[int] = [0]
         self._followed: list[Candidate] = []
         self._ended: list[Candidate] = []
@@ -82,6 +83,7 @@ class Tracker:
             self._shot_starts.append(len(self._frame))
         self._frame.append(frame_index)
         self._time_s.append(time_s)
+        self._step_s = usual_step(self._time_s[-_STEPS_KEPT:])
         self._end([c for c in self._followed if self._is_over(c)])
         for candidate in self._followed:
             candidate.motion.advance(step_s)
@@ -218,7 +220,7 @@ class Tracker:
         is time unseen, whether its frames are absent or empty.
         """
         since = self._time_s[-1] - self._time_s[candidate.rows[-1]]
-        return max(0.0, since - usual_step(self._time_s[-_STEPS_KEPT:]))
+        return max(0.0, since - self._step_s)
 
     def _is_over(self, candidate: Candidate) -> bool:
         unseen_s = self._unseen_s(candidate)
