@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1] / "pipeline" / "dance2pose"
 
 # From the ground up: a room imports from its own floor's files and from floors below it only.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("errors", "array_records", "assets", "progress", "profiling", "large_blocks"),
+    ("errors", "array_records", "assets", "progress", "profiling", "large_blocks", "beside"),
     ("viewpoint", "poses", "options", "output_files", "leftovers", "holes", "file_hash"),
     ("skeleton_tables",),
     ("skeleton", "npz_files", "body", "settings_file", "tables"),
@@ -19,6 +19,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("angle_formulas",),
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
+    ("background_view",),
     ("following",),
     ("people", "results", "reading", "findings", "background_motion", "quantising"),
     ("video_tracks", "summary"),

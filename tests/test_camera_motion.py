@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dance2pose.background_motion import SIZE, STILL_PX, CameraMotionEstimator
+from dance2pose.background_motion import STILL_PX, CameraMotionEstimator
+from dance2pose.background_view import SIZE, BackgroundView, Scene
 from dance2pose.errors import DataError
 from dance2pose.lifting.lift import lift_all
 from dance2pose.lifting.world.moving_camera import CameraMotion
@@ -122,6 +123,52 @@ def test_the_threshold_of_stillness_is_as_stated(shake: float, moves: bool) -> N
     assert motion.moves is moves
     if moves:
         assert off_deg(motion, [turned(pan=a) for a in ways]) < 0.1
+
+
+def looks_of(pictures: list[Image], monkeypatch: pytest.MonkeyPatch) -> tuple[int, CameraMotion]:
+    """How many of the pictures are looked at, and the motion."""
+    looked: list[int] = []
+    usual = BackgroundView.scene
+
+    def scene(self: BackgroundView, image: Image, boxes: FloatArray) -> Scene:
+        looked.append(next(i for i, picture in enumerate(pictures) if picture is image))
+        return usual(self, image, boxes)
+
+    monkeypatch.setattr(BackgroundView, "scene", scene)
+    motion = followed(pictures)
+    return len(set(looked)), motion
+
+
+def test_an_even_movement_needs_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = texture()
+    truth = [turned(pan=p) for p in np.linspace(0, 20, 60)]
+    looks, motion = looks_of([looking(world, r) for r in truth], monkeypatch)
+    assert looks <= 30
+    assert off_deg(motion, truth) < 0.1
+    assert motion.known.all()
+
+
+def test_a_shaking_camera_is_looked_at_in_every_frame_once_that_is_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world = texture()
+    way = np.concatenate([np.zeros(24), np.sin(np.arange(30))])
+    looks, motion = looks_of([looking(world, turned(pan=a)) for a in way], monkeypatch)
+    assert looks >= 24 // 3 + 27
+    # Two frames between looks show nothing of it, if the third is where it was.
+    seen = motion.at(motion.frame[27:])
+    assert off_deg(seen, [turned(pan=a) for a in way[27:]]) < 0.1
+
+
+def test_every_frame_is_accounted_for_however_the_times_lie() -> None:
+    world, times = texture(), np.cumsum([0.01, 0.04, 0.04, 0.3, 0.04, 0.02, 0.02, 0.02, 0.5, 0.04])
+    estimator = CameraMotionEstimator((WIDTH, HEIGHT), FOV_DEG)
+    truth = [turned(pan=3 * t) for t in times - times[0]]
+    for index, (time_s, rotation) in enumerate(zip(times, truth, strict=True)):
+        estimator.update(Frame(index, float(time_s), looking(world, rotation)), NO_PEOPLE)
+    motion = estimator.finish()
+    np.testing.assert_array_equal(motion.frame, np.arange(len(times)))
+    assert off_deg(motion, truth) < 0.1
 
 
 def test_every_shot_begins_anew() -> None:

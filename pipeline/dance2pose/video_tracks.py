@@ -5,13 +5,15 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dance2pose.background_motion import CameraMotionEstimator
+from dance2pose.beside import Beside
 from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.options import Settings
-from dance2pose.people import PoseModels, find_people
+from dance2pose.people import FramePeople, PoseModels, find_people
 from dance2pose.poses import Frame, Timeline
 from dance2pose.profiling import stage
 from dance2pose.progress import Progress
@@ -50,28 +52,29 @@ def track_people(
     seen, times = array("q"), array("d")
     starts: list[int] = []
     found = find_people(frames, models, settings.speed)
-    for people in progress.track(
-        found, "detecting and estimating", total=frames.expected_frames, unit="frame"
-    ):
-        frame = people.frame
-        if people.cut or not starts:
-            starts.append(len(seen))
-        seen.append(frame.index)
-        times.append(frame.time_s)
-        with stage("tracking"):
-            tracker.update(
-                frame.index,
-                frame.time_s,
-                people.boxes,
-                people.poses,
-                cut=people.cut,
-                image=frame.image,
-            )
-        with stage("camera motion"):
-            camera.update(frame, people.boxes.xyxy, cut=people.cut)
-        if on_frame is not None:
-            with stage("recording"):
-                on_frame(frame)
+    with Beside("camera") as beside:
+        for people in progress.track(
+            found, "detecting and estimating", total=frames.expected_frames, unit="frame"
+        ):
+            frame = people.frame
+            if people.cut or not starts:
+                starts.append(len(seen))
+            seen.append(frame.index)
+            times.append(frame.time_s)
+            beside.call(partial(_follow_camera, camera, people))
+            with stage("tracking"):
+                tracker.update(
+                    frame.index,
+                    frame.time_s,
+                    people.boxes,
+                    people.poses,
+                    cut=people.cut,
+                    image=frame.image,
+                )
+            if on_frame is not None:
+                with stage("recording"):
+                    on_frame(frame)
+        beside.finish()
     indices = np.array(seen, np.int64)
     timeline = Timeline(indices, np.array(times, np.float64))
     ends = [*starts[1:], len(seen)]
@@ -84,3 +87,8 @@ def track_people(
         ),
         camera.finish(),
     )
+
+
+def _follow_camera(camera: CameraMotionEstimator, people: FramePeople) -> None:
+    with stage("camera motion"):
+        camera.update(people.frame, people.boxes.xyxy, cut=people.cut)
