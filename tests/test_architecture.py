@@ -19,7 +19,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("angle_formulas",),
     ("video", "shots", "onnx_models", "limits", "temporal_models", "mocap", "angles"),
     ("detection", "keypoints", "tracking", "lifting", "smoothing", "provenance", "exchange"),
-    ("background_view",),
+    ("expected_boxes", "background_view"),
     ("following",),
     ("people", "results", "reading", "findings", "background_motion", "quantising"),
     ("video_tracks", "summary"),

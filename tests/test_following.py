@@ -122,6 +122,25 @@ def test_interpolation_follows_time_and_not_the_number_of_frames() -> None:
         np.testing.assert_allclose(between.xyxy, [boxes[t]])
 
 
+def test_who_moves_further_than_the_own_width_does_not_lag_behind() -> None:
+    """The boxes of the two looks share nothing, but nobody else is near."""
+    path = walking(0, 11, x=10, speed=3.0)
+    scene = Scene({"a": path, "other": walking(0, 11, x=120, speed=0.0)})
+    found = found_in(scene, Stretch(tuple(frames(11)), next_begins=True))
+    assert scene.looks == [0, 10]
+    for t, (boxes, _) in enumerate(found):
+        assert len(boxes) == 2
+        assert any(np.allclose(box, path[t]) for box in boxes.xyxy)
+
+
+def test_a_leaver_and_a_newcomer_of_another_shape_are_two() -> None:
+    leaver = {t: np.array([20.0, 60, 80, 85]) for t in range(4)}  # lies on the floor
+    newcomer = {t: np.array([60.0, 20, 85, 80]) for t in range(6, 11)}
+    scene = Scene({"leaver": leaver, "newcomer": newcomer})
+    found = found_in(scene, Stretch(tuple(frames(11)), next_begins=True))
+    assert [len(boxes) for boxes, _ in found] == [1] * 4 + [0] * 2 + [1] * 4
+
+
 @pytest.mark.parametrize("came", range(1, 10))
 def test_a_newcomer_is_found_from_the_frame_of_coming(came: int) -> None:
     known, new = walking(0, 11, x=10), walking(came, 11, x=100)

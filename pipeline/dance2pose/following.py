@@ -13,13 +13,20 @@ order and number at once, with the same result.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
+from dance2pose.expected_boxes import (
+    SAME_PERSON_OVERLAP,
+    Followed,
+    interpolated,
+    keypoint_box,
+    pair,
+    within,
+)
 from dance2pose.poses import Boxes, FloatArray, Frame, Image, Poses2D
 from dance2pose.tracking.matching import (
     SAME_PICTURE_SIGMA,
@@ -30,12 +37,8 @@ from dance2pose.tracking.matching import (
 
 Float64Array = npt.NDArray[np.float64]
 
-# Boxes of two key frames that overlap by this much (IoU) are one person's.
-SAME_PERSON_OVERLAP = 0.3
 # Two poses of one picture at least this similar (object keypoint similarity) are one person's.
 SAME_POSE = 0.7
-# Keypoints surer than this make the box about a pose.
-SURE_KEYPOINT = 0.2
 # A pose is doubtful below this share of the mean confidence that the same person had in the key
 # frame, ...
 LEAST_SHARE_OF_CONFIDENCE = 0.6
@@ -69,25 +72,6 @@ class Stretch:
     def own(self) -> tuple[Frame, ...]:
         """The frames whose people are found in this stretch."""
         return self.frames[:-1] if self.next_begins else self.frames
-
-
-@dataclass
-class _Followed:
-    """One who is seen in one key frame only. margin: of the box about the sure keypoints, px."""
-
-    box: Float64Array
-    score: float
-    margin: Float64Array = field(default_factory=lambda: np.zeros(4))
-    begun: bool = False
-
-    def take(self, xy: FloatArray, confidence: FloatArray, image: Image) -> None:
-        """Expect the person in the next frame where the keypoints are now."""
-        around = keypoint_box(xy, confidence)
-        if around is None:
-            return
-        if not self.begun:
-            self.margin, self.begun = self.box - around, True
-        self.box = _within(around + self.margin, image)
 
 
 def find_in_stretch(
@@ -126,44 +110,21 @@ def find_in_stretch(
     return found
 
 
-def pair(first: FloatArray, last: FloatArray) -> npt.NDArray[np.int64]:
-    """Which boxes (N, 4) and (M, 4) of two key frames are one person's: (P, 2) indices."""
-    overlap = box_overlaps(first, last)
-    pairs = np.stack(linear_sum_assignment(-overlap), axis=1)
-    kept: npt.NDArray[np.int64] = pairs[overlap[pairs[:, 0], pairs[:, 1]] >= SAME_PERSON_OVERLAP]
-    return kept
-
-
-def interpolated(first: Boxes, last: Boxes, pairs: npt.NDArray[np.int64], share: float) -> Boxes:
-    """The boxes of those seen in both key frames, `share` (0..1) of the way between them."""
-    i, j = pairs.T
-    xyxy = (1 - share) * first.xyxy[i] + share * last.xyxy[j]
-    return Boxes(xyxy, (1 - share) * first.confidence[i] + share * last.confidence[j])
-
-
-def keypoint_box(xy: FloatArray, confidence: FloatArray) -> Float64Array | None:
-    """The box (4,) about the sure keypoints of one pose, None where there are fewer than three."""
-    sure = xy[np.isfinite(xy).all(axis=1) & (confidence >= SURE_KEYPOINT)]
-    if len(sure) < 3:
-        return None
-    return np.concatenate([sure.min(axis=0), sure.max(axis=0)]).astype(np.float64)
-
-
 def _begin(
     boxes: Boxes, rows: npt.NDArray[np.int64], poses: Poses2D, image: Image
-) -> list[_Followed]:
+) -> list[Followed]:
     """Those of a key frame who are to be followed by their keypoints."""
     confidence = _mean_confidence(poses)
     begun = []
     for row in rows[confidence[rows] >= LEAST_CONFIDENCE]:
-        one = _Followed(boxes.xyxy[row].astype(np.float64), float(boxes.confidence[row]))
+        one = Followed(boxes.xyxy[row].astype(np.float64), float(boxes.confidence[row]))
         one.take(poses.xy[row], poses.confidence[row], image)
         begun.append(one)
     return begun
 
 
 def _look(
-    image: Image, between: Boxes, usual: Float64Array, followed: list[_Followed], models: Models
+    image: Image, between: Boxes, usual: Float64Array, followed: list[Followed], models: Models
 ) -> tuple[Boxes, Poses2D]:
     """The people of one frame: where they are expected, or where that is doubtful, where they are.
 
@@ -186,7 +147,7 @@ def _look(
 def _follow_back(
     frames: Sequence[Frame],
     found: list[tuple[Boxes, Poses2D]],
-    newcomers: list[_Followed],
+    newcomers: list[Followed],
     models: Models,
 ) -> None:
     """Add those who came between the key frames, from the last frame back to where they came."""
@@ -201,12 +162,12 @@ def _follow_back(
         kept &= ~_already(boxes, poses, known_poses)
         newcomers = [one for one, keep in zip(newcomers, kept, strict=True) if keep]
         boxes = Boxes(boxes.xyxy[kept], boxes.confidence[kept])
-        poses = Poses2D(poses.xy[kept], poses.confidence[kept], poses.skeleton)
+        poses = _some(poses, kept)
         _move(newcomers, range(len(boxes)), poses, image)
         found[i + 1] = _joined(known_boxes, boxes), _joined_poses(known_poses, poses)
 
 
-def _move(followed: list[_Followed], rows: Sequence[int], poses: Poses2D, image: Image) -> None:
+def _move(followed: list[Followed], rows: Sequence[int], poses: Poses2D, image: Image) -> None:
     for one, row in zip(followed, rows, strict=True):
         one.take(poses.xy[row], poses.confidence[row], image)
 
@@ -238,14 +199,9 @@ def _beyond(box: FloatArray, around: Float64Array | None, image: Image) -> float
     """
     if around is None:
         return np.inf
-    around = _within(around, image)
+    around = within(around, image)
     out = max(np.max(box[:2] - around[:2]), np.max(around[2:] - box[2:]))
     return float(out / max(np.max(box[2:] - box[:2]), 1.0))
-
-
-def _within(box: Float64Array, image: Image) -> Float64Array:
-    height, width = image.shape[:2]
-    return np.clip(box, -0.5, np.array([width, height, width, height]) - 0.5)
 
 
 def _already(boxes: Boxes, poses: Poses2D, known: Poses2D) -> npt.NDArray[np.bool_]:
@@ -267,7 +223,11 @@ def _mean_confidence(poses: Poses2D) -> Float64Array:
     return np.asarray(poses.confidence.astype(np.float64).mean(axis=1))
 
 
-def _with(boxes: Boxes, followed: Sequence[_Followed]) -> Boxes:
+def _some(poses: Poses2D, rows: npt.NDArray[np.int64] | npt.NDArray[np.bool_]) -> Poses2D:
+    return Poses2D(poses.xy[rows], poses.confidence[rows], poses.skeleton)
+
+
+def _with(boxes: Boxes, followed: Sequence[Followed]) -> Boxes:
     if not followed:
         return boxes
     more = Boxes(np.array([f.box for f in followed]), np.array([f.score for f in followed]))
