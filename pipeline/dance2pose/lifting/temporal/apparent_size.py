@@ -11,6 +11,7 @@ import numpy as np
 
 from dance2pose.body import Body
 from dance2pose.lifting.temporal.body_estimate import lengths_by_frame, weighted_mean
+from dance2pose.lifting.temporal.depth_signs import APART_VARIANCE
 from dance2pose.lifting.temporal.smoothness import smooth_path
 from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import Skeleton
@@ -22,10 +23,9 @@ SIZE_ERROR, _USUAL_SIGMA_MM = 0.02, 40.0
 # Changes of size over this many seconds are the dancer's way towards the camera, quicker ones are
 # errors. Longer means miss the way: 0.5 s leaves errors of 0.018, 1.5 s of 0.030.
 _SIZE_S = 0.4
-# Bones of a known body: of the variance that the network expects for the depths of both ends (they
-# err together), keypoints that hardly err, what all bones of a frame have in common, and how many
-# standard deviations off a bone counts less.
-_APART_VARIANCE, _LEAST_MM, _COMMON_ERROR, _OUTLIER = 0.5, 1.0, 0.004, 2.5
+# Bones of a known body: how far keypoints err at least, mm, what all bones of a frame have in
+# common, and how many standard deviations off a bone counts less.
+_LEAST_MM, _COMMON_ERROR, _OUTLIER = 1.0, 0.004, 2.5
 _REWEIGHTED = 3
 
 
@@ -58,7 +58,7 @@ def sizes_of_body(
     """
     picture_variance = np.full(depth_variance.shape, 2 * (bias_mm**2 + _LEAST_MM**2))
     log_length, error = lengths_by_frame(
-        bone, _APART_VARIANCE * depth_variance, picture_variance, body.lengths_mm
+        bone, APART_VARIANCE * depth_variance, picture_variance, body.lengths_mm
     )
     error = np.hypot(error, body.spread)
     weight = 1 / error.T**2

@@ -18,7 +18,7 @@ from dance2pose.skeleton import Skeleton
 # A bone's end moves towards or away from the viewer by up to about this, mm/s.
 _SPEED = 1000.0
 # Of the variance that the network expects for the depths of a bone's two ends: they err together.
-_APART_VARIANCE = 0.5
+APART_VARIANCE = 0.5
 # How much farther keypoints and lengths err than is known of them: of lasting errors of 15 mm the
 # track shows about 10, and smoothing keeps what it cannot see.
 _UNSEEN_ERRORS = 2.0
@@ -48,7 +48,7 @@ def settle_depths(
     parents, children = np.array(skeleton.bones).T
     bone = xyz[:, children] - xyz[:, parents]
     predicted = bone[..., 2]
-    predicted_variance = _APART_VARIANCE * (sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2)
+    predicted_variance = APART_VARIANCE * (sigma_z[:, children] ** 2 + sigma_z[:, parents] ** 2)
     across2 = np.square(bone[..., :2]).sum(axis=-1)
     across_variance = sigma_xy[:, children] ** 2 + sigma_xy[:, parents] ** 2
     across_variance = _UNSEEN_ERRORS**2 * across_variance
