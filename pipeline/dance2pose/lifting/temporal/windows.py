@@ -22,12 +22,12 @@ from dance2pose.poses import FloatArray, IntArray
 
 # Tracks up to this long, frames, are lifted as a whole: five minutes at 60 a second.
 LONGEST_WHOLE = 18_000
-WINDOW = 6_000
+WINDOW = 3_000
 # What windows have in common, seconds; the first and the last quarter of it are left to the one
 # window that also knows what comes before or after.
 _OVERLAP_S, _EDGE = 20.0, 0.25
 # The stretches that tell the body: so many, of so many frames together.
-_STRETCHES, TELLING = 30, 9_000
+_STRETCHES, TELLING = 30, 4_500
 
 Find = Callable[[Observed, Found | None], Lifted]
 
