@@ -67,6 +67,7 @@ def solve_path(
             blocks += firm[:, None, None] * across
             right += np.outer(firm * missing[:, foot] / floor.error_mm**2, floor.up)
     bands, right = _banded(blocks, right, feet, contact, time_s)
+    del blocks
     path = solveh_banded(bands, right.ravel()).reshape(seen.shape)
     if floor is None or least is None:
         return np.asarray(path)
@@ -76,9 +77,11 @@ def solve_path(
 def _lifted(
     path: FloatArray, bands: FloatArray, right: FloatArray, floor: Floor, least: FloatArray
 ) -> FloatArray:
-    """The path pushed up where a foot is below the floor: an active set, grown until none is."""
+    """The path pushed up where a foot is below the floor: an active set, grown until none is.
+
+    bands, right: the system, which is changed.
+    """
     held = np.zeros(len(path), dtype=bool)
-    bands, right = bands.copy(), right.copy()
     weight = 1 / _SUNK_MM**2
     for _ in range(8):
         below = (path @ floor.up - floor.height < least - 5.0) & ~held
