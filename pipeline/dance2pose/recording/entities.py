@@ -134,8 +134,7 @@ def send_dancer(
         to = _Rows(stream, part.timeline, end if is_last else timeline_rows(end, slice(0)))
         _send_frames(to, part, Ground(stands[rows], floor), filled_in=filled_in)
         flush()
-    _send_curves(_Rows(stream, track.timeline, end), dancer)
-    flush()
+    _send_curves(_Rows(stream, track.timeline, end), dancer, flush)
 
 
 def _send_frames(rows: _Rows, dancer: Dancer, ground: Ground, *, filled_in: bool) -> None:
@@ -154,13 +153,15 @@ def _send_frames(rows: _Rows, dancer: Dancer, ground: Ground, *, filled_in: bool
     _send_thin_bones(rows, raw_path(person), dancer.raw)
 
 
-def _send_curves(rows: _Rows, dancer: Dancer) -> None:
+def _send_curves(rows: _Rows, dancer: Dancer, flush: Callable[[], None]) -> None:
     """Joint angles and what tells how far to trust a frame: one number a frame each."""
     base = plots_path(dancer.person)
     for joint, curve in angle_curves(dancer).items():
         rows.send(f"{base}/angle/{joint}", rr.Scalars.columns(scalars=curve.values))
+        flush()
     for name, curve in trust_curves(dancer).items():
         rows.send(f"{base}/{name}", rr.Scalars.columns(scalars=curve.values))
+        flush()
 
 
 def _send_keypoints(rows: _Rows, track: Track2D, *, filled_in: bool) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dance2pose.angles import track_angles
+from dance2pose.portions import dancer_rows, portions
 from dance2pose.poses import BoolArray, Dancer, FloatArray
 from dance2pose.skeleton import body_keypoints
 
@@ -31,6 +32,15 @@ def trust_curves(dancer: Dancer) -> dict[str, Curve]:
     invalid_bones, and sigma where the lifter knows its uncertainty (in hundredths of the unit of
     the poses: cm, or % of the body height).
     """
+    rows = list(portions(len(dancer.keypoints))) or [slice(0)]
+    parts = [_trust_curves(dancer_rows(dancer, some)) for some in rows]
+    return {
+        name: Curve(curve.title, np.concatenate([part[name].values for part in parts]))
+        for name, curve in parts[0].items()
+    }
+
+
+def _trust_curves(dancer: Dancer) -> dict[str, Curve]:
     track, joints = dancer.keypoints, dancer.smoothed
     # Smoothing drops what it cannot know again: error and sigma are those of the lifted poses.
     raw = dancer.raw
