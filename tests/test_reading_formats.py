@@ -213,6 +213,22 @@ def test_a_damaged_file_is_read_or_refused_and_nothing_else(
 
 
 @FORMATS
+def test_a_file_cut_after_any_of_its_first_lines_is_read_or_refused(
+    name: str, tmp_path: Path
+) -> None:
+    path = _write(name, tmp_path, scene(MADE[name].skeleton, range(4)))
+    file = sorted(path.iterdir())[1] if path.is_dir() else path
+    data = file.read_bytes()
+    ends = [at + 1 for at, byte in enumerate(data) if byte == ord("\n")][:8]
+    for cut in [0, *ends]:  # of a table, also just after its header
+        file.write_bytes(data[:cut])
+        try:
+            _read(path, name)
+        except Dance2PoseError as error:
+            assert str(tmp_path) in str(error)
+
+
+@FORMATS
 def test_times_are_not_made_up(name: str, tmp_path: Path) -> None:
     made = MADE[name]
     path = _write(name, tmp_path, scene(made.skeleton, people=made.people))

@@ -45,7 +45,7 @@ def read_deeplabcut(path: Path, rows: Rows) -> Content:
     if not len(who) == len(parts) == len(coordinates):
         raise DataError(f"{path}: its header lines have different numbers of cells")
     columns = list(zip(who[lead:], parts[lead:], coordinates[lead:], strict=True))
-    return _content(path, names, np.array(values).reshape(len(names), -1), columns)
+    return _content(path, names, np.array(values).reshape(len(names), len(columns)), columns)
 
 
 def is_deeplabcut_h5(file: Any) -> bool:
