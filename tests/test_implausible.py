@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dance2pose.lifting.implausible import implausible
-from dance2pose.lifting.lift import observe
+from dance2pose.lifting.one_track import observe
 from dance2pose.poses import FloatArray, Track2D
 from dance2pose.skeleton import get
 from lifting_examples import posed

@@ -57,8 +57,8 @@ def _only_where(condition: BoolArray, angle: FloatArray) -> FloatArray:
     return np.where(condition, angle, np.nan)
 
 
-def _flexion_of_hinge(p: FloatArray) -> FloatArray:
-    """Of a knee or elbow: how far it is from straight."""
+def flexion_of_hinge(p: FloatArray) -> FloatArray:
+    """Of a knee or elbow (..., 3, 3), between the ends of its limb: how far it is from straight."""
     return np.pi - _between(p[..., 0, :] - p[..., 1, :], p[..., 2, :] - p[..., 1, :])
 
 
@@ -187,9 +187,9 @@ def _limb_angle(kind: str, side: str, outwards: int) -> Definition:
     at_hips = (*trunk, "left_hip", "right_hip")
     match kind:
         case "elbow_flexion":
-            return Definition(arm, _flexion_of_hinge)
+            return Definition(arm, flexion_of_hinge)
         case "knee_flexion":
-            return Definition(leg, _flexion_of_hinge)
+            return Definition(leg, flexion_of_hinge)
         case "ankle_flexion":
             return Definition((*leg[1:], f"{side}_toe"), _dorsiflexion)
         case "shoulder_elevation":

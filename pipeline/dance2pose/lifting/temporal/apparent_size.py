@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dance2pose.body import Body
-from dance2pose.lifting.temporal.body_estimate import lengths_by_frame, weighted_mean
+from dance2pose.lifting.temporal.body_estimate import lengths_by_frame, robust_mean
 from dance2pose.lifting.temporal.depth_signs import APART_VARIANCE
 from dance2pose.lifting.temporal.smoothness import smooth_path
 from dance2pose.poses import FloatArray, IntArray
@@ -23,10 +23,9 @@ SIZE_ERROR, _USUAL_SIGMA_MM = 0.02, 40.0
 # Changes of size over this many seconds are the dancer's way towards the camera, quicker ones are
 # errors. Longer means miss the way: 0.5 s leaves errors of 0.018, 1.5 s of 0.030.
 _SIZE_S = 0.4
-# Bones of a known body: how far keypoints err at least, mm, what all bones of a frame have in
-# common, and how many standard deviations off a bone counts less.
-_LEAST_MM, _COMMON_ERROR, _OUTLIER = 1.0, 0.004, 2.5
-_REWEIGHTED = 3
+# Bones of a known body: how far keypoints err at least, mm, and what all bones of a frame have in
+# common.
+_LEAST_MM, _COMMON_ERROR = 1.0, 0.004
 
 
 def sizes(xyz: FloatArray, skeleton: Skeleton, body_mm: FloatArray) -> FloatArray:
@@ -62,12 +61,7 @@ def sizes_of_body(
     )
     error = np.hypot(error, body.spread)
     weight = 1 / error.T**2
-    mean = weighted_mean(log_length.T, weight)
-    for _ in range(_REWEIGHTED):
-        off = np.abs(log_length.T - mean) / error.T
-        mean = weighted_mean(
-            log_length.T, weight * np.minimum(1.0, _OUTLIER / np.maximum(off, 1e-9))
-        )
+    mean = robust_mean(log_length.T, weight, error.T)
     with np.errstate(divide="ignore"):
         sure = np.hypot(1 / np.sqrt(weight.sum(axis=0)), _COMMON_ERROR)
     return np.exp(np.nan_to_num(mean)), np.minimum(sure, 1.0)

@@ -61,11 +61,7 @@ def from_depths(
     usable = np.isfinite(error)
     share = _share_of_evidence(time_s)[:, None] * usable
     weight = share / np.where(usable, error, 1.0) ** 2
-    mean = weighted_mean(log_length, weight)
-    for _ in range(_REWEIGHTED):
-        off = np.abs(log_length - mean) / np.hypot(np.where(usable, error, 1.0), _COMMON_ERROR)
-        robust = weight * np.minimum(1.0, _OUTLIER / np.maximum(off, 1e-9))
-        mean = weighted_mean(log_length, robust)
+    mean = robust_mean(log_length, weight, np.hypot(np.where(usable, error, 1.0), _COMMON_ERROR))
     with np.errstate(divide="ignore"):
         sigma = np.hypot(1 / np.sqrt(weight.sum(axis=0)), _COMMON_ERROR)
     return Measured(np.where(np.isfinite(sigma), mean, np.nan), sigma)
@@ -155,6 +151,15 @@ def _share_of_evidence(time_s: FloatArray) -> FloatArray:
     step = np.diff(time_s)
     between = np.minimum((np.r_[step[:1], step] + np.r_[step, step[-1:]]) / 2, _INDEPENDENT_S)
     return np.asarray(np.clip(between / _INDEPENDENT_S, 0.0, 1.0))
+
+
+def robust_mean(values: FloatArray, weight: FloatArray, error: FloatArray) -> FloatArray:
+    """The mean (B,) of values (N, B) in which those count less that are far off by their error."""
+    mean = weighted_mean(values, weight)
+    for _ in range(_REWEIGHTED):
+        off = np.abs(values - mean) / error
+        mean = weighted_mean(values, weight * np.minimum(1.0, _OUTLIER / np.maximum(off, 1e-9)))
+    return mean
 
 
 def weighted_mean(values: FloatArray, weight: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from dance2pose.angle_formulas import flexion_of_hinge
 from dance2pose.lifting.temporal.body_of_track import Joints
 from dance2pose.poses import FloatArray, IntArray
 from dance2pose.skeleton import Skeleton
@@ -49,7 +50,7 @@ def straightened(
             # The line moves with its ends, by half of what each moves where the joint is.
             error = variance[:, b] + (variance[:, a] + variance[:, c]) / 4
             apart = (np.square(bend) / error).sum(axis=1)
-            flexion = _flexion_deg(xyz[:, a], xyz[:, b], xyz[:, c])
+            flexion = np.nan_to_num(np.degrees(flexion_of_hinge(xyz[:, [a, b, c]])))
             for part in parts:
                 apart[part] = _mean_nearby(apart[part], time_s[part])
                 flexion[part] = _mean_nearby(flexion[part], time_s[part])
@@ -64,13 +65,6 @@ def _bend(start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
     chord, upper = end - start, middle - start
     along = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1.0)
     return np.asarray(upper - (upper * along).sum(axis=1, keepdims=True) * along)
-
-
-def _flexion_deg(start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
-    """By how much (N,) a limb is bent, 0 where it is straight."""
-    upper, lower = middle - start, end - middle
-    across = np.linalg.norm(np.cross(upper, lower), axis=1)
-    return np.asarray(np.degrees(np.arctan2(across, (upper * lower).sum(axis=1))))
 
 
 def _mean_nearby(values: FloatArray, time_s: FloatArray) -> FloatArray:
