@@ -127,6 +127,19 @@ def test_infinite_boxes_lose_the_picture(tmp_path: Path) -> None:
     assert (detector.answers.pictures, detector.answers.lost) == (1, 1)
 
 
+@pytest.mark.parametrize("batched", [False, True])
+@pytest.mark.parametrize("order", [("box", "score", "label"), ("box", "label", "score")])
+def test_a_score_of_one_is_not_taken_for_a_class(
+    tmp_path: Path, order: tuple[str, ...], batched: bool
+) -> None:
+    parts = {"box": [3.0, 4.0, 21.0, 33.0], "score": [1.0], "label": [0.0]}
+    rows = np.concatenate([parts[name] for name in order])[None]
+    boxes = load_detector(emit(tmp_path / "m.onnx", rows=rows[None] if batched else rows)).detect(
+        IMAGE
+    )
+    np.testing.assert_allclose(boxes.confidence, [1.0])
+
+
 @given(
     order=st.sampled_from(list(itertools.permutations(["box", "score", "label"]))),
     batched=st.booleans(),

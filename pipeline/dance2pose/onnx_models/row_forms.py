@@ -41,6 +41,11 @@ class Columns(NamedTuple):
             and evidence.are_corners(evidence.sure(box, score))
         )
 
+    def find(self, rows: Array) -> bool:
+        """Whether a row has a score above noise in this order."""
+        box, score, _ = self.split(rows)
+        return len(evidence.sure(box, score)) > 0
+
     def split(self, rows: Array) -> tuple[Array, Array, Array]:
         """Boxes (N, 4), scores (N,) and classes (N,)."""
         return rows[:, self.box : self.box + 4], rows[:, self.score], rows[:, self.label]
@@ -65,7 +70,10 @@ def _rows_of_six(graph: Graph) -> tuple[TensorInfo, Array | None, bool] | None:
 def _first_to_fit(values: Array | None, orders: tuple[Columns, ...]) -> Columns | None:
     if values is None:
         return orders[0]
-    return next((columns for columns in orders if columns.fit(values)), None)
+    fitting = [columns for columns in orders if columns.fit(values)]
+    # Where one order finds somebody, scores of nothing but 0 in another are classes.
+    finding = [columns for columns in fitting if columns.find(values)]
+    return next(iter(finding or fitting), None)
 
 
 def _unit(values: Array | None, columns: Columns) -> dict[str, str]:
