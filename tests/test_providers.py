@@ -83,7 +83,7 @@ def test_a_session_says_what_really_runs_it(
     monkeypatch.setattr(onnxruntime, "InferenceSession", made)
     model = emitting(tmp_path / "m.onnx", {"a": np.zeros((1, 3), np.float32)}, input_shape=(1, 3))
     session = open_session(model, provider="cuda")
-    assert session.providers == (CPU,)
+    assert session.runs_with == CPU
     assert session.note is not None
     assert "did not come up" in session.note
     assert open_session(model).note is None

@@ -70,10 +70,7 @@ class PoseModels:
     @property
     def hardware(self) -> dict[str, str]:
         """What ONNX Runtime really runs each model with, by role; for the provenance."""
-        return {
-            f"{role} runs with": ", ".join(model.session.providers)
-            for role, model in self._sessions()
-        }
+        return {f"{role} runs with": model.session.runs_with for role, model in self._sessions()}
 
     @property
     def notes(self) -> tuple[str, ...]:

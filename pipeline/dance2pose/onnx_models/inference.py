@@ -7,6 +7,7 @@ off. Small person models gain little from many threads; see `default_threads`.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import mmap
 import os
@@ -21,6 +22,7 @@ import numpy.typing as npt
 from dance2pose.errors import ModelError
 from dance2pose.onnx_models import run_limits
 from dance2pose.onnx_models.providers import CPU, choose_provider, what_ran
+from dance2pose.onnx_models.resizing import CHANGE, with_products
 
 Array = npt.NDArray[Any]
 
@@ -59,14 +61,17 @@ class TensorInfo:
 class Session:
     """A loaded ONNX model.
 
-    inputs, outputs: what the graph declares; metadata: its own strings. providers: what ONNX
-    Runtime really runs it with, in order; note: what was asked for and could not be had, or None.
+    inputs, outputs: what the graph declares; metadata: its own strings. runs_with: what ONNX
+    Runtime really runs it with, in order, and how the graph was changed for speed, for the
+    provenance; note: what was asked for and could not be had, or None.
     """
 
-    def __init__(self, path: Path, native: Any, note: str | None = None) -> None:
+    def __init__(
+        self, path: Path, native: Any, note: str | None = None, change: str | None = None
+    ) -> None:
         self.path = path
         self.note = note
-        self.providers: tuple[str, ...] = tuple(native.get_providers())
+        self.runs_with = ", ".join([*native.get_providers(), *([change] if change else [])])
         self._native = native
         self.inputs = tuple(_tensor_info(path, node) for node in native.get_inputs())
         self.outputs = tuple(_tensor_info(path, node) for node in native.get_outputs())
@@ -147,18 +152,21 @@ def open_session(path: Path, *, threads: int | None = None, provider: str = "cpu
     run_limits.limit_memory(options)
     options.log_severity_level = 4  # failures arrive as exceptions; nothing is printed besides
 
-    def opened(providers: tuple[str, ...]) -> Any:
-        return onnxruntime.InferenceSession(
-            str(path), sess_options=options, providers=list(providers)
-        )
+    def opened(model: str | bytes, providers: tuple[str, ...]) -> Any:
+        return onnxruntime.InferenceSession(model, sess_options=options, providers=list(providers))
 
+    faster = with_products(path) if choice.providers == (CPU,) else None
+    if faster is not None:
+        # What keeps the changed graph from loading is no concern of the user's: the file is tried.
+        with contextlib.suppress(Exception):
+            return Session(path, opened(faster, (CPU,)), choice.note, CHANGE)
     try:
         try:
-            native = opened(choice.providers)
+            native = opened(str(path), choice.providers)
         except Exception:
             if choice.providers == (CPU,):
                 raise
-            native = opened((CPU,))
+            native = opened(str(path), (CPU,))
     except Exception as error:  # ONNX Runtime's own classes share no base but Exception
         raise ModelError(_why_not_loaded(path, error)) from error
     return Session(path, native, what_ran(choice, native.get_providers()))
