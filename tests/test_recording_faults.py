@@ -7,7 +7,6 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -190,11 +189,8 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, video: Path) -> None:
         assert process.stdout.readline() == b"recording\n"
         assert len(files(tmp_path)) == 1
         process.send_signal(signal.SIGINT)
-        start = time.monotonic()
-        assert process.wait(timeout=60) == 130
-        waited = time.monotonic() - start
+        assert process.wait(timeout=60) == 130  # a hang; two seconds on an idle machine
     assert files(tmp_path) == []
-    assert waited < 20  # two seconds on a machine that is not busy
 
 
 @pytest.mark.parametrize(
