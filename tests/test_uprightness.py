@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dance2pose.body import BODY_HEIGHT_MM
 from dance2pose.lifting.world.camera_tilt import camera_tilt_deg, tilt_evidence
-from dance2pose.lifting.world.contact import contacts, firmness
+from dance2pose.lifting.world.contact import contacts, firmness, foot_joints
 from dance2pose.lifting.world.uprightness import above_feet, centre_of_mass, upright_frames
 from dance2pose.poses import Timeline, Track3D
 from dance2pose.skeleton import get
@@ -93,22 +93,21 @@ def test_who_climbs_stands_on_no_plane() -> None:
 
 def test_a_foot_that_slides_is_held_less_firmly_and_one_in_the_air_not_at_all() -> None:
     frames, rate = 40, 25.0
-    xyz = np.repeat(standing()[None] * BODY_HEIGHT_MM, frames, axis=0)
-    time_s, left = np.arange(frames) / rate, BODY.index("left_ankle")
-    root = np.zeros((frames, 3))
-    still = firmness(xyz, root, time_s, BODY)
+    feet = np.repeat(standing()[None, foot_joints(BODY)] * BODY_HEIGHT_MM, frames, axis=0)
+    time_s, left = np.arange(frames) / rate, 0  # of the two feet
+    still = firmness(feet, time_s)
     assert still.min() > 0.99
-    sliding = xyz.copy()
+    sliding = feet.copy()
     sliding[:, left, 0] += 200.0 * time_s  # mm/s
-    slid = firmness(sliding, root, time_s, BODY)
+    slid = firmness(sliding, time_s)
     assert 0 < slid[:, 0].max() < 0.3 and slid[:, 1].min() > 0.99
-    assert contacts(sliding, root, time_s, BODY).all()  # slowly, which is standing still
-    lifted = xyz.copy()
+    assert contacts(sliding, time_s).all()  # slowly, which is standing still
+    lifted = feet.copy()
     lifted[:, left, 1] += 150.0
-    assert not firmness(lifted, root, time_s, BODY)[:, 0].any()
+    assert not firmness(lifted, time_s)[:, 0].any()
     # Seen from above, a foot that is farther away looks higher: not to who knows what is up.
-    apart = xyz.copy()
+    apart = feet.copy()
     apart[:, left, 2] -= 400.0
     turn = Rotation.from_euler("x", 40.0, degrees=True).as_matrix()
-    assert not firmness(apart @ turn.T, root, time_s, BODY)[:, 0].any()
-    assert firmness(apart @ turn.T, root, time_s, BODY, turn[:, 1]).min() > 0.99
+    assert not firmness(apart @ turn.T, time_s)[:, 0].any()
+    assert firmness(apart @ turn.T, time_s, turn[:, 1]).min() > 0.99

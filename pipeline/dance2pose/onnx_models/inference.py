@@ -80,14 +80,19 @@ class Session:
             _check_size(path, tensor)
 
     def run(
-        self, feeds: Mapping[str, Array], outputs: Sequence[str], *, may_hold_nan: bool = False
+        self,
+        feeds: Mapping[str, Array],
+        outputs: Sequence[str],
+        *,
+        may_hold_nan: bool = False,
+        give_back: bool = False,
     ) -> list[Array]:
-        """The named outputs for the named inputs.
+        """The named outputs for the named inputs. give_back: memory is not kept for another run.
 
         Raises ModelError where ONNX Runtime fails (out of memory, out of time, shapes that do not
         fit) and NotFiniteError where an output holds NaN, unless it may.
         """
-        with run_limits.limited_run() as limits:
+        with run_limits.limited_run(give_back=give_back) as limits:
             try:
                 results: list[Array] = self._native.run(list(outputs), dict(feeds), limits)
             except Exception as error:  # ONNX Runtime's own classes share no base but Exception

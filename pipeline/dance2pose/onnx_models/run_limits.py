@@ -63,14 +63,17 @@ _watch = _Watch()
 
 
 @contextlib.contextmanager
-def limited_run() -> Iterator[Any]:
+def limited_run(*, give_back: bool = False) -> Iterator[Any]:
     """The `onnxruntime.RunOptions` of a run that is stopped after `LONGEST_RUN_S`.
 
-    Their `terminate` is True afterwards if it was.
+    Their `terminate` is True afterwards if it was. give_back: what the pool does not need after
+    the run goes back to the system, rather than being kept for the next run.
     """
     import onnxruntime
 
     options = onnxruntime.RunOptions()
+    if give_back:
+        options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
     _watch.add(options, LONGEST_RUN_S)
     try:
         yield options

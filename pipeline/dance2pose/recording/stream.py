@@ -14,6 +14,8 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow as pa
+
 from dance2pose.recording.quiet_rerun import rr
 
 # Where a pipe can be opened by name. Windows has none; there Rerun writes the file itself.
@@ -30,11 +32,13 @@ class FileStream:
         self._writer: threading.Thread | None = None
 
     def flush(self) -> None:
-        """Wait until all that was sent is on its way to the file. Raises OSError if it fails."""
+        """Wait until all that was sent is on its way to the file, and let go of the memory that it
+        took. Raises OSError if it fails."""
         try:
             self.rerun.flush()
         except RuntimeError as error:
             raise OSError(str(error)) from error
+        pa.default_memory_pool().release_unused()  # which would be kept for the next columns
         self._check()
 
     def close(self) -> None:

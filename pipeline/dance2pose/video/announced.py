@@ -37,15 +37,17 @@ def read_announced(path: Path, container: InputContainer, stream: VideoStream) -
     """Ask the index, the header and the tags of a file just opened."""
     length_s = _length_s(container, stream)
     entries = stream.index_entries if _formats(container) & _INDEX_LISTS_ALL else ()
-    held = [entry for entry in entries if entry.size > 0]
+    held = shown = 0
+    for entry in entries:  # none is kept: an hour has a hundred thousand
+        held += entry.size > 0
+        shown += entry.size > 0 and not entry.is_discard
     if not held:
         return Announced(stream.frames, stream.frames or None, length_s)
     # An index cut short is a loss; one that edits cut short, or dropped pictures, is none.
     lost = 0
     if len(entries) < stream.frames:
         lost = stream.frames - _listed(path, container, stream)
-    shown = sum(not entry.is_discard for entry in held)
-    return Announced(len(held) + lost, shown + lost if stream.frames else None, length_s)
+    return Announced(held + lost, shown + lost if stream.frames else None, length_s)
 
 
 def _formats(container: InputContainer) -> set[str]:

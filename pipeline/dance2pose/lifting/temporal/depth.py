@@ -232,6 +232,15 @@ def _run(given: NetworkInput) -> tuple[FloatArray, FloatArray]:
     return answers[0], answers[1]
 
 
+def give_back_memory() -> None:
+    """Let go of what the network's runs took, 60 MB and more that ONNX Runtime would keep for the
+    next ones: by a run of a single frame, for it does so only after one."""
+    session = _session()
+    features = np.zeros((1, 1, session.inputs[0].shape[-1]), np.float32)
+    names = [output.name for output in session.outputs]
+    session.run({"features": features}, names, may_hold_nan=True, give_back=True)
+
+
 @lru_cache(maxsize=1)
 def _session():  # type: ignore[no-untyped-def]
     from dance2pose.onnx_models.inference import (

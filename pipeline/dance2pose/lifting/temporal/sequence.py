@@ -44,9 +44,10 @@ def lift_frames(observed: Observed, *, settings: SequenceSettings | None = None)
     """Poses of all frames but those in gaps of more than LONGEST_GAP_S, which stay NaN."""
     weighted = replace(observed, confidence=keypoint_weights(observed.xy, observed.confidence))
     lift = partial(_lift_weighted, settings or SequenceSettings())
-    if len(observed) > LONGEST_WHOLE and not observed.independent:
-        return lift_in_windows(weighted, lift)
-    return lift(weighted)
+    long = len(observed) > LONGEST_WHOLE and not observed.independent
+    lifted = lift_in_windows(weighted, lift) if long else lift(weighted)
+    depth.give_back_memory()
+    return lifted
 
 
 def _lift_weighted(

@@ -27,26 +27,17 @@ def foot_joints(skeleton: Skeleton) -> tuple[int, int]:
     return skeleton.index("left_ankle"), skeleton.index("right_ankle")
 
 
-def contacts(
-    xyz: FloatArray, root: FloatArray, time_s: FloatArray, skeleton: Skeleton
-) -> BoolArray:
+def contacts(feet: FloatArray, time_s: FloatArray) -> BoolArray:
     """Which feet (T, 2) stand: slow, low and for at least a tenth of a second.
 
-    xyz: (T, J, 3) from the first joint on, y up. root: (T, 3).
+    feet: (T, 2, 3) in the world, y up.
     """
-    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
     return _low_and_slower_than(_STANDING_MM_S, feet, time_s, _UP)
 
 
-def firmness(
-    xyz: FloatArray,
-    root: FloatArray,
-    time_s: FloatArray,
-    skeleton: Skeleton,
-    up: FloatArray | None = None,
-) -> FloatArray:
-    """How firmly (T, 2) feet stand, 0 to 1: the slower the firmer. up: (3,), y where not given."""
-    feet = xyz[:, foot_joints(skeleton)] + root[:, None]
+def firmness(feet: FloatArray, time_s: FloatArray, up: FloatArray | None = None) -> FloatArray:
+    """How firmly (T, 2) feet (T, 2, 3) stand, 0 to 1: the slower the firmer. up: (3,), y where not
+    given."""
     if len(feet) < 3:
         return np.zeros(feet.shape[:2])
     stands = _low_and_slower_than(_SLIDING_MM_S, feet, time_s, _UP if up is None else up)
@@ -55,11 +46,9 @@ def firmness(
 
 def standing_feet(track: Track3D, mm_per_unit: float) -> BoolArray:
     """Which feet (T, 2), left and right, of a track with y up stand."""
-    assert track.root is not None
     stands = np.zeros((len(track), 2), dtype=bool)
     for rows in known_runs(track):
-        xyz, root = track.xyz[rows] * mm_per_unit, track.root[rows] * mm_per_unit
-        stands[rows] = contacts(xyz, root, track.time_s[rows], skeletons.get(track.skeleton))
+        stands[rows] = contacts(feet_in_world(track, rows, mm_per_unit), track.time_s[rows])
     return stands
 
 
@@ -67,16 +56,21 @@ def firm_feet(
     track: Track3D, mm_per_unit: float, up: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Where feet stand (N, 3), mm, and how firmly (N,). up: (3,), y where not given."""
-    assert track.root is not None
-    tree = skeletons.get(track.skeleton)
     places: list[FloatArray] = [np.zeros((0, 3))]
     weights: list[FloatArray] = [np.zeros(0)]
     for rows in known_runs(track):
-        xyz, root = track.xyz[rows] * mm_per_unit, track.root[rows] * mm_per_unit
-        firm = firmness(xyz, root, track.time_s[rows], tree, up)
-        places.append((xyz[:, foot_joints(tree)] + root[:, None])[firm > 0])
+        feet = feet_in_world(track, rows, mm_per_unit)
+        firm = firmness(feet, track.time_s[rows], up)
+        places.append(feet[firm > 0])
         weights.append(firm[firm > 0])
     return np.concatenate(places), np.concatenate(weights)
+
+
+def feet_in_world(track: Track3D, rows: slice, mm_per_unit: float) -> FloatArray:
+    """Where the feet (N, 2, 3) of the N rows are, mm."""
+    assert track.root is not None
+    joints = foot_joints(skeletons.get(track.skeleton))
+    return track.xyz[rows, joints] * mm_per_unit + track.root[rows, None] * mm_per_unit
 
 
 def known_runs(track: Track3D) -> list[slice]:

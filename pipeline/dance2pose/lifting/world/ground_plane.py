@@ -14,7 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from dance2pose import skeleton as skeletons
 from dance2pose.lifting.world.camera_tilt import camera_tilt_deg
-from dance2pose.lifting.world.contact import firmness, foot_joints, known_runs, standing_feet
+from dance2pose.lifting.world.contact import (
+    feet_in_world,
+    firmness,
+    foot_joints,
+    known_runs,
+    standing_feet,
+)
 from dance2pose.lifting.world.path_solver import ACROSS_MM, ALONG_MM, Floor, solve_path
 from dance2pose.lifting.world.root_trajectory import ANKLE_ABOVE_FLOOR_MM, floor_level
 from dance2pose.poses import BoolArray, FloatArray, Track3D
@@ -56,13 +62,11 @@ def levelled(tracks: Sequence[Track3D], mm_per_unit: float) -> list[Track3D]:
     turned = [_turned(track, turn) for track in placed]
     found = [_on_own_floor(track, mm_per_unit) for track in turned]
     shifts = _shifts(np.array([floor for _, floor in found]), mm_per_unit)
-    on_floor = iter(
-        [
-            _with_toes_on_floor(_shifted(track, shift), floor + shift)
-            for (track, floor), shift in zip(found, shifts, strict=True)
-        ]
-    )
-    return [track if track.root is None else next(on_floor) for track in tracks]
+    on_floor = [_shifted(track, shift) for (track, _), shift in zip(found, shifts, strict=True)]
+    for track, (_, floor), shift in zip(on_floor, found, shifts, strict=True):
+        _put_toes_on_floor(track, floor + shift)
+    level = iter(on_floor)
+    return [track if track.root is None else next(level) for track in tracks]
 
 
 def floor_heights(tracks: Sequence[Track3D], mm_per_unit: float) -> list[float]:
@@ -88,20 +92,20 @@ def _shifted(track: Track3D, shift: float) -> Track3D:
     return replace(track, root=track.root + up, viewpoint=seen)
 
 
-def _with_toes_on_floor(track: Track3D, floor: float) -> Track3D:
-    """The track with toes that no keypoint saw turned up to the floor where they were below it."""
+def _put_toes_on_floor(track: Track3D, floor: float) -> None:
+    """Turn toes that no keypoint saw up to the floor where they are below it, in the track itself:
+    its poses, which `_turned` made, are nobody else's, and an hour's are 44 MB."""
     assert track.root is not None
-    tree, xyz = skeletons.get(track.skeleton), track.xyz.copy()
+    tree, xyz = skeletons.get(track.skeleton), track.xyz
     for joint, ankle in zip(_toes(tree), foot_joints(tree), strict=False):
-        toe = track.xyz[:, joint] - track.xyz[:, ankle]
-        depth = floor - track.root[:, 1] - track.xyz[:, ankle, 1]  # of the floor under the ankle
+        toe = xyz[:, joint] - xyz[:, ankle]
+        depth = floor - track.root[:, 1] - xyz[:, ankle, 1]  # of the floor under the ankle
         length, flat = np.linalg.norm(toe, axis=1), np.hypot(toe[:, 0], toe[:, 2])
         rows = track.estimated[:, joint] & (toe[:, 1] < depth) & (np.abs(depth) < length)
         rows &= flat > 0
         reach = np.sqrt(np.maximum(length**2 - depth**2, 0.0)) / np.where(flat > 0, flat, 1.0)
         raised = np.stack([toe[:, 0] * reach, depth, toe[:, 2] * reach], axis=1)
-        xyz[rows, joint] = (track.xyz[:, ankle] + raised)[rows]
-    return replace(track, xyz=xyz)
+        xyz[rows, joint] = (xyz[:, ankle] + raised)[rows]
 
 
 def _toes(tree: Skeleton) -> list[int]:
@@ -119,14 +123,12 @@ def _on_own_floor(track: Track3D, mm_per_unit: float) -> tuple[Track3D, float]:
     turns = track.viewpoint is not None and track.viewpoint.moves
     error = _ankle_error(track, stands, floor, mm_per_unit)
     for rows in known_runs(track):
-        xyz, path = track.xyz[rows] * mm_per_unit, root[rows] * mm_per_unit
-        firm = firmness(xyz, path, track.time_s[rows], tree)
+        feet, path = track.xyz[rows, foot_joints(tree)] * mm_per_unit, root[rows] * mm_per_unit
+        firm = firmness(feet + path[:, None], track.time_s[rows])
         ankle = floor * mm_per_unit + ANKLE_ABOVE_FLOOR_MM
-        feet = xyz[:, foot_joints(tree)]
         high = feet[..., 1] + path[:, None, 1] - ankle
-        least = _least_height(xyz, track.estimated[rows], tree)
+        least = _least_height(track.xyz[rows, :, 1] * mm_per_unit, track.estimated[rows], tree)
         least[path[:, 1] - ankle < least - _OTHER_FLOOR_MM] = -np.inf
-        del xyz  # of an hour that is 44 MB, and solving takes more
         path = solve_path(
             path,
             feet,
@@ -166,17 +168,17 @@ def _floor(track: Track3D, stands: BoolArray, mm_per_unit: float) -> float:
     assert track.root is not None
     if not np.isfinite(track.root).all(axis=1).any():
         return float("nan")
-    tree = skeletons.get(track.skeleton)
-    level = floor_level(track.xyz * mm_per_unit, track.root * mm_per_unit, stands, tree)
-    return level / mm_per_unit
+    feet = feet_in_world(track, slice(None), mm_per_unit)
+    return floor_level(feet[..., 1], stands) / mm_per_unit
 
 
-def _least_height(xyz: FloatArray, estimated: BoolArray, tree: Skeleton) -> FloatArray:
+def _least_height(height: FloatArray, estimated: BoolArray, tree: Skeleton) -> FloatArray:
     """How far (T,) the pelvis must be above standing ankles for no joint to be below the floor.
 
-    xyz: (T, J, 3) mm, y up. A joint that was not seen is not sure enough to lift the dancer.
+    height: (T, J) of the joints above the pelvis, mm. A joint that was not seen is not sure enough
+    to lift the dancer.
     """
-    below = np.where(estimated, np.inf, xyz[..., 1])
+    below = np.where(estimated, np.inf, height)
     joints = foot_joints(tree)
     below[:, joints] -= ANKLE_ABOVE_FLOOR_MM - _LOWER_MM
     return np.asarray(-(below.min(axis=1)) - ANKLE_ABOVE_FLOOR_MM)

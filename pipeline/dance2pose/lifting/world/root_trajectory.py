@@ -40,15 +40,17 @@ def follow_floor(
     up = up / np.linalg.norm(up)
     path = solve_path(seen, feet, np.zeros(feet.shape[:2]), time_s, along_mm=along)
     for _ in range(_ROUNDS):
-        firm = firmness(xyz, path, time_s, skeleton, up)
+        firm = firmness(feet + path[:, None], time_s, up)
         path = solve_path(seen, feet, firm, time_s, along_mm=along)
     return path
 
 
-def floor_level(xyz: FloatArray, root: FloatArray, contact: BoolArray, skeleton: Skeleton) -> float:
-    """Height of the floor: below the ankles that stand, as far as ankles are above soles."""
-    feet = (xyz[:, foot_joints(skeleton)] + root[:, None])[..., 1]
-    height = np.nanmedian(feet[contact]) if contact.any() else np.nanquantile(feet, 0.05)
+def floor_level(ankles: FloatArray, contact: BoolArray) -> float:
+    """Height of the floor: below the ankles that stand, as far as ankles are above soles.
+
+    ankles: (T, 2) heights. contact: (T, 2) which stand.
+    """
+    height = np.nanmedian(ankles[contact]) if contact.any() else np.nanquantile(ankles, 0.05)
     return float(height) - ANKLE_ABOVE_FLOOR_MM
 
 
