@@ -14,6 +14,7 @@ from dance2pose.body import Body, body_bones_mm
 from dance2pose.errors import UsageError
 from dance2pose.lifting.lift import lift, lift_with_bodies
 from dance2pose.lifting.lifted import Observed
+from dance2pose.lifting.temporal import sequence, windows
 from dance2pose.lifting.temporal.one_body import SequenceSettings
 from dance2pose.lifting.temporal.sequence import lift_frames
 from dance2pose.lifting.temporal.track_rows import LONGEST_GAP_S
@@ -40,8 +41,12 @@ def aligned_error(xyz: FloatArray, truth: FloatArray) -> float:
 
 @pytest.fixture(scope="module")
 def take(shared: Path) -> Take:
+    return seen_from_above(shared, "cmu17")
+
+
+def seen_from_above(shared: Path, skeleton: str) -> Take:
     """Four seconds of a take of the evaluation set, seen from the side a little above."""
-    full = read_take(shared / "mocap" / "eval" / "05_12.bvh")
+    full = read_take(shared / "mocap" / "eval" / "05_12.bvh", skeleton)
     turn = Rotation.from_euler("yx", [40, 8], degrees=True).as_matrix()
     assert full.root is not None
     return replace(full, xyz=full.xyz[800:1280] @ turn.T, root=full.root[800:1280] @ turn.T)
@@ -347,19 +352,45 @@ def test_odd_keypoints_end_in_poses_or_in_nothing(
         assert np.isfinite(result.root[posed]).all()
 
 
-def test_perspective_gives_the_path(take: Take) -> None:
+def walked(take: Take, farther: float = 1.0) -> tuple[Observed, FloatArray, FloatArray]:
+    """The take as a perspective camera sees it, its poses (T, J, 3) and its path (T, 3) mm.
+
+    farther: how many times as far the dancer goes towards the camera and away.
+    """
     truth = resample(take, 30.0)
     assert truth.root is not None
-    path = truth.root - truth.root[:1] + [0.0, -300.0, -4500.0]
+    path = (truth.root - truth.root[:1]) * [1.0, 1.0, farther] + [0.0, -300.0, -4500.0]
     world = truth.xyz + path[:, None]
     focal = WIDTH / 2 / np.tan(np.radians(30.0))
     xy = -focal * world[..., :2] / world[..., 2:] + [(WIDTH - 1) / 2, -(HEIGHT - 1) / 2]
-    given = observed(truth.xyz, xy=xy, camera="perspective", fov_deg=60.0)
+    given = observed(truth.xyz, xy=xy, camera="perspective", fov_deg=60.0, skeleton=take.skeleton)
+    return given, truth.xyz, path
+
+
+def test_a_window_is_lifted_as_the_whole_track_that_told_its_body(
+    shared: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, _, _ = walked(seen_from_above(shared, "body17"), farther=3.0)
+    noise = np.random.default_rng(0).normal(0, 1.5, given.xy.shape)
+    given = replace(given, xy=given.xy + noise)
+    whole = lift_frames(given)
+    monkeypatch.setattr(sequence, "LONGEST_WHOLE", len(given) - 1)
+    monkeypatch.setattr(windows, "TELLING", len(given))
+    assert len(windows.telling_rows(len(given))) == len(given)
+    window = lift_frames(given)
+    assert whole.root is not None and window.root is not None
+    # Where a window begins with the body rather than ends with it, 4 mm and 9 mm.
+    assert np.median(np.linalg.norm(window.xyz - whole.xyz, axis=-1)) < 0.5
+    assert np.median(np.linalg.norm(window.root - whole.root, axis=-1)) < 1.0
+
+
+def test_perspective_gives_the_path(take: Take) -> None:
+    given, truth, path = walked(take)
     lifted = lift_frames(given, settings=SequenceSettings())
     assert lifted.root is not None and np.isfinite(lifted.root).all()
-    assert aligned_error(lifted.xyz, truth.xyz) < 50
+    assert aligned_error(lifted.xyz, truth) < 50
     shape = lifted.root - lifted.root.mean(axis=0) - (path - path.mean(axis=0))
     assert np.ptp(path, axis=0).max() > 300  # the dancer does go somewhere
     assert np.abs(shape[:, :2]).mean() < 100
     assert np.abs(shape[:, 2]).mean() < 250  # size tells the distance less well than place
-    assert np.nanmax(np.linalg.norm(lifted.projected - xy, axis=-1)) < 60
+    assert np.nanmax(np.linalg.norm(lifted.projected - given.xy, axis=-1)) < 60

@@ -108,10 +108,14 @@ def _lift(
 def _solve_sequence(
     seen: Rows, settings: SequenceSettings, focal_px: float | None, known: Found | None
 ) -> Posed:
-    """Poses of one dancer: pass by pass, nearness is undone and the body is better known."""
+    """Poses of one dancer: pass by pass, nearness is undone and the body is better known.
+
+    A solve that knows the body begins as one that does not: growth and nearness are then undone
+    by the same steps, and a window comes out as it would within the whole track.
+    """
     grown = _growth_alone(seen)
     shrink: FloatArray = 1 / grown[:, None, None]
-    found = known
+    found: Found | None = None
     unit, steady = 1.0, False
     last, passes = False, 0
     while not last:
