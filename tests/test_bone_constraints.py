@@ -53,3 +53,30 @@ def test_every_one_of_many_pictures_has_a_body_of_its_own() -> None:
         xyz, np.full(xyz.shape, 400.0), TREE, wanted, spread=np.full(wanted.shape, 1e-4)
     )
     assert np.quantile(np.abs(lengths_of(found) / wanted - 1), 0.99) < 0.01
+
+
+def densely(
+    xyz: FloatArray, variance: FloatArray, wanted: FloatArray, spread: FloatArray
+) -> FloatArray:
+    """What `with_bone_lengths` minimises, for one pose, with whole matrices."""
+    now = xyz
+    for _ in range(5):
+        bone = now[CHILDREN] - now[PARENTS]
+        direction = bone / np.linalg.norm(bone, axis=-1, keepdims=True)
+        slope = np.zeros((len(wanted), *xyz.shape))
+        slope[np.arange(len(wanted)), CHILDREN] = direction
+        slope[np.arange(len(wanted)), PARENTS] = -direction
+        slope = slope.reshape(len(wanted), -1)
+        normal = (slope * variance.ravel()) @ slope.T + np.diag((spread * wanted) ** 2 + 1.0)
+        force = np.linalg.solve(normal, slope @ xyz.ravel() - wanted)
+        now = xyz - (variance.ravel() * (force @ slope)).reshape(xyz.shape)
+    return now
+
+
+def test_joint_by_joint_along_the_tree_is_the_same_as_all_at_once() -> None:
+    rng = np.random.default_rng(5)
+    xyz = poses(7, 6) + rng.normal(0, 30, (7, len(TREE), 3))
+    variance, spread = rng.uniform(1, 2000, xyz.shape), rng.uniform(0.003, 0.05, len(USUAL))
+    found = with_bone_lengths(xyz, variance, TREE, USUAL, spread=spread)
+    for pose, given, giving in zip(found, xyz, variance, strict=True):
+        np.testing.assert_allclose(pose, densely(given, giving, USUAL, spread), atol=1e-7)

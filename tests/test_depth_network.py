@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from dance2pose.body import body_bones_mm
@@ -16,6 +17,7 @@ from dance2pose.lifting.temporal.network import (
     OUTPUTS,
     NetworkInput,
     longest_projections,
+    mirrored,
     network_input,
 )
 from dance2pose.mocap.bodies import drawn_bodies
@@ -81,16 +83,16 @@ def test_a_stated_error_of_keypoints_is_told_and_an_unstated_one_is_not() -> Non
     np.testing.assert_allclose(made.features[1, :, ERROR], 0.5)
 
 
-def planted(monkeypatch: pytest.MonkeyPatch) -> list[NetworkInput]:
+def planted(monkeypatch: pytest.MonkeyPatch) -> list[npt.NDArray[np.float32]]:
     """A network whose answers are easy to follow: z is a joint's x, bones are their lengths."""
-    asked: list[NetworkInput] = []
+    asked: list[npt.NDArray[np.float32]] = []
 
-    def run(given: NetworkInput) -> tuple[FloatArray, FloatArray]:
-        asked.append(given)
-        joints = np.zeros((*given.features.shape[:2], JOINTS, OUTPUTS))
-        joints[..., 2] = given.features[..., 0 : 2 * JOINTS : 2]
-        bones = np.zeros((*given.features.shape[:2], BONES, BONE_OUTPUTS))
-        bones[..., 0] = given.features[..., 67 : 67 + BONES]
+    def run(features: npt.NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+        asked.append(features)
+        joints = np.zeros((*features.shape[:2], JOINTS, OUTPUTS))
+        joints[..., 2] = features[..., 0 : 2 * JOINTS : 2]
+        bones = np.zeros((*features.shape[:2], BONES, BONE_OUTPUTS))
+        bones[..., 0] = features[..., 67 : 67 + BONES]
         return joints, bones
 
     monkeypatch.setattr(depth, "_run", run)
@@ -104,14 +106,41 @@ def test_an_answer_is_the_mean_of_a_clips_and_its_mirrors(monkeypatch: pytest.Mo
     xyz = posed(lengths)
     known = Known(longest=lengths, lengths=True, error_mm=15.0)
     found = depth.predict(xyz[..., :2], np.ones((7, JOINTS)), 15.0, body17=False, known=known)
-    assert len(asked) == 2
+    clip, mirror = np.concatenate(asked)
     # z as planted is odd in x, so that clip and mirror image cancel.
     np.testing.assert_allclose(found.xyz[..., 2], 0, atol=1e-9)
     scale = lengths.sum() / body_bones_mm("cmu17").sum()
     expected = lengths / (scale * body_bones_mm("cmu17"))
     np.testing.assert_allclose(found.bones, np.tile(expected, (7, 1)), rtol=1e-5)
     assert found.bones.shape == found.sigma_bones.shape == (7, BONES)
-    assert (asked[1].features[..., STATED] == 1).all()
+    assert (clip[:, STATED] == 1).all() and (mirror[:, STATED] == 1).all()
+
+
+def test_a_mirrored_input_is_that_of_the_mirrored_clip() -> None:
+    rng = np.random.default_rng(5)
+    xy, confidence = rng.normal(size=(3, 7, JOINTS, 2)), rng.uniform(size=(3, 7, JOINTS))
+    xy[1, 2:4, 5] = np.nan
+    longest = rng.uniform(0.5, 2, (3, BONES))
+    sides = np.array(CMU.mirror)
+    known = np.array([True, False, True])
+    body17 = np.array([True, False, False])
+    error = np.array([np.nan, 10.0, 20.0])
+    clip = network_input(
+        xy, confidence, body_definition=body17, longest=longest, known=known, error_mm=error
+    )
+    mirror = network_input(
+        xy[:, :, sides] * [-1.0, 1.0],
+        confidence[:, :, sides],
+        body_definition=body17,
+        longest=longest[:, sides[1:] - 1],
+        known=known,
+        error_mm=error,
+    )
+    found = mirrored(clip)
+    np.testing.assert_allclose(found.features, mirror.features, rtol=1e-6)
+    np.testing.assert_allclose(found.centre, mirror.centre)
+    np.testing.assert_allclose(found.scale, mirror.scale)
+    assert np.ptp(clip.features, axis=(0, 1)).astype(bool).sum() > 100  # nearly all differ
 
 
 def test_single_pictures_each_have_what_is_known_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,3 +163,21 @@ def test_single_pictures_each_have_what_is_known_of_them(monkeypatch: pytest.Mon
     alone = depth.predict_frames(pixels, seen, body17=False)
     shown = longest_projections(pixels[:, None]).sum(axis=1) / body_bones_mm("cmu17").sum()
     np.testing.assert_allclose(alone.scale, shown)
+
+
+def test_answers_depend_neither_on_cores_nor_on_what_is_answered_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lengths = body_bones_mm("body17")
+    xy, seen = posed(lengths, 70)[..., :2], np.ones((70, JOINTS))
+    found = []
+    for cores, together in ((1, 1), (4, 16)):
+        monkeypatch.setattr(depth, "default_threads", lambda cores=cores: cores)
+        monkeypatch.setattr(depth, "_TOGETHER", together)
+        found += [
+            depth.predict_frames(xy, seen, body17=True),
+            depth.predict(xy, seen, 30.0, body17=True),
+        ]
+    for one, other in ((found[0], found[2]), (found[1], found[3])):
+        np.testing.assert_allclose(one.xyz, other.xyz, rtol=1e-4, atol=1e-2)
+        np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-4)

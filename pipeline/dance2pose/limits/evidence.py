@@ -43,16 +43,19 @@ def settled(
         suspect = np.asarray(cost[:, limb].any(axis=1))
         if not suspect.any():
             continue
-        mirrored = _mirrored(out, child, known.parents)
-        other = _cost(limits, mirrored)
-        gain = _AGAINST * (share * (cost[:, limb] - other[:, limb])).sum(axis=1)
-        change = np.zeros(len(xyz), bool)
         parent = known.parents[child]
-        for run in _runs(out[:, child] - out[:, parent], suspect, linked):
-            change[run] = gain[run].sum() > np.abs(log_odds[run, child - 1]).max()
+        runs = _runs(out[:, child] - out[:, parent], suspect, linked)
+        if not runs:
+            continue
+        rows = np.concatenate(runs)
+        mirrored = _mirrored(out[rows], child, known.parents)
+        other = _cost(limits, mirrored)
+        gain = _AGAINST * (share[rows] * (cost[rows][:, limb] - other[:, limb])).sum(axis=1)
+        change = _prevails(gain, np.abs(log_odds[rows, child - 1]), runs)
         if change.any():
-            out = np.where(change[:, None, None], mirrored, out)
-            cost = np.where(change[:, None], other, cost)
+            out = out.copy()
+            out[rows[change]] = mirrored[change]
+            cost[rows[change]] = other[change]
     return out
 
 
@@ -61,6 +64,16 @@ def _cost(limits: Limits, xyz: FloatArray) -> FloatArray:
     verdict = limits.verdict(xyz)
     sure = np.minimum(verdict.takes / (2.0 * FEWEST_TAKES), 1.0)
     return np.asarray(np.where(verdict.valid, 0.0, sure))
+
+
+def _prevails(gain: FloatArray, sure: FloatArray, runs: list[IntArray]) -> BoolArray:
+    """Whether what frames gain together is more than the surest of their run, frame by frame.
+
+    gain, sure: of the frames of all runs, one after the other."""
+    lengths = [len(run) for run in runs]
+    starts = np.cumsum([0, *lengths[:-1]])
+    together, surest = np.add.reduceat(gain, starts), np.maximum.reduceat(sure, starts)
+    return np.repeat(together > surest, lengths)
 
 
 def _outwards(joint: int, parents: tuple[int, ...]) -> list[int]:
@@ -90,12 +103,14 @@ def _runs(bone: FloatArray, suspect: BoolArray, linked: BoolArray) -> list[IntAr
     size = np.abs(sine)
     least = np.r_[False, (size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]), False][: len(size)]
     crossed = np.r_[False, np.sign(sine[1:]) != np.sign(sine[:-1])]
-    starts = np.flatnonzero(crossed | (least & (size < _ACROSS)) | np.r_[False, ~linked])
-    runs = np.split(np.arange(len(bone)), starts)
+    cut = crossed | (least & (size < _ACROSS)) | np.r_[False, ~linked]
+    starts = np.r_[0, np.flatnonzero(cut)]
+    stops = np.r_[starts[1:], len(bone)]
+    told = np.logical_or.reduceat(suspect, starts)
     return [
-        run
-        for run in runs
-        if len(run) and suspect[run].any() and _turns_little(direction, linked, run[0], run[-1] + 1)
+        np.arange(start, stop)
+        for start, stop in zip(starts[told], stops[told], strict=True)
+        if _turns_little(direction, linked, start, stop)
     ]
 
 

@@ -11,7 +11,7 @@ from dance2pose.poses import FloatArray
 from dance2pose.skeleton import Skeleton
 
 _STEPS = 5
-_CHUNK = 512
+_CHUNK = 1024
 
 
 def with_bone_lengths(
@@ -46,24 +46,50 @@ def _closest(
     spread: FloatArray,
 ) -> FloatArray:
     parents, children = np.array(skeleton.bones).T
-    bones = np.arange(len(children))
-    frames, joints = xyz.shape[:2]
-    readily = variance.reshape(frames, 1, -1)
-    now = xyz
+    near, readily = (np.ascontiguousarray(v.transpose(1, 2, 0)) for v in (xyz, variance))
+    lengths = lengths.T
+    # The slack also keeps the step finite where a bone lies across the view and its depth, the
+    # only thing that gives, does not change its length.
+    slack = (spread.T * lengths) ** 2 + 1.0
+    now = near
     for _ in range(_STEPS):
-        bone = now[:, children] - now[:, parents]
-        length = np.maximum(np.linalg.norm(bone, axis=-1), 1e-6)
-        direction = bone / length[..., None]
-        slope = np.zeros((frames, len(bones), joints, 3))
-        slope[:, bones, children] = direction
-        slope[:, bones, parents] = -direction
-        flat = slope.reshape(frames, len(bones), -1)
-        weighted = readily * flat
-        normal = weighted @ flat.transpose(0, 2, 1)
-        # The slack also keeps the step finite where a bone lies across the view and its depth,
-        # the only thing that gives, does not change its length.
-        normal[:, bones, bones] += (spread * lengths) ** 2 + 1.0
-        off = (flat @ (xyz - now).reshape(frames, -1, 1))[..., 0] + length - lengths
-        force = np.linalg.solve(normal, off[..., None])
-        now = xyz - (weighted.transpose(0, 2, 1) @ force).reshape(xyz.shape)
-    return now
+        bone = now[children] - now[parents]
+        direction = bone / np.maximum(np.sqrt(_dot(bone, bone)), 1e-6)[:, None]
+        now = _linearised(near, readily, skeleton, direction, lengths, slack)
+    return now.transpose(2, 0, 1)
+
+
+def _linearised(
+    near: FloatArray,
+    readily: FloatArray,
+    skeleton: Skeleton,
+    direction: FloatArray,
+    lengths: FloatArray,
+    slack: FloatArray,
+) -> FloatArray:
+    """Places (J, 3, T) closest to `near` whose bones (J - 1, 3, T) have about those lengths along
+    given directions.
+
+    Bones make a tree: from its leaves inwards each joint learns what those beyond it want of it
+    (a Kalman filter's step: mean and covariance), then each follows from its parent.
+    """
+    mean, covariance = near.copy(), np.zeros((len(near), 3, *readily.shape[1:]))
+    covariance[:, range(3), range(3)] = readily
+    gain = np.empty_like(direction)
+    for b, (parent, child) in reversed(list(enumerate(skeleton.bones))):
+        along = direction[b]
+        gives = _dot(covariance[child], along[:, None], axis=0)
+        spare = slack[b] + _dot(along, gives, axis=0)
+        gain[b] = gives / spare
+        gives = _dot(covariance[parent], along[:, None], axis=0)
+        pull = gives / (spare + _dot(along, gives, axis=0))
+        mean[parent] += pull * (_dot(along, mean[child] - mean[parent], axis=0) - lengths[b])
+        covariance[parent] -= pull[:, None] * gives
+    for b, (parent, child) in enumerate(skeleton.bones):
+        off = _dot(direction[b], mean[child] - mean[parent], axis=0) - lengths[b]
+        mean[child] -= gain[b] * off
+    return mean
+
+
+def _dot(a: FloatArray, b: FloatArray, axis: int = -2) -> FloatArray:
+    return np.asarray((a * b).sum(axis=axis))

@@ -8,10 +8,12 @@ so any rate gives one answer a frame, without interpolation and without lag.
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from dance2pose.assets import asset
 from dance2pose.lifting import error_calibration
@@ -19,12 +21,14 @@ from dance2pose.lifting.error_calibration import Calibration
 from dance2pose.lifting.temporal.network import (
     BONE_OUTPUTS,
     BONES,
+    FEATURES,
     RATE_HZ,
-    NetworkInput,
     longest_projections,
+    mirrored,
     network_input,
     network_output,
 )
+from dance2pose.onnx_models.inference import Session, default_threads, open_session
 from dance2pose.poses import FloatArray
 from dance2pose.skeleton import get
 
@@ -32,6 +36,8 @@ _MODEL = "lifter.onnx"
 _MIRROR = np.array(get("cmu17").mirror)
 # Frames of one series answered at a time, and how many of its neighbours an answer depends on.
 _CHUNK, _REACH = 512, 24
+# Frames of short clips that are answered together: more do not stay in a core's cache.
+_TOGETHER = 128
 _UNEVEN = 0.3  # of the step between frames: how far a frame may lie from its even place
 _SHORTEST_STEP_S = 1 / 120
 
@@ -183,27 +189,6 @@ def _interleaved(
 
 def _answer(xy: FloatArray, confidence: FloatArray, body17: bool, known: Known) -> Depth:
     """Answers (B, T, ...) for clips (B, T, J, 2): the mean of the clip's and of its mirror's."""
-    seen = _one_side(xy, confidence, body17, known)
-    order = _MIRROR[1:] - 1
-    longest = None if known.longest is None else known.longest[..., order]
-    mirrored = _one_side(
-        xy[:, :, _MIRROR] * [-1.0, 1.0],
-        confidence[:, :, _MIRROR],
-        body17,
-        replace(known, longest=longest),
-    )
-    return Depth(
-        xyz=(seen.xyz + mirrored.xyz[:, :, _MIRROR] * [-1.0, 1.0, 1.0]) / 2,
-        sigma_z=np.sqrt(seen.sigma_z * mirrored.sigma_z[:, :, _MIRROR]),
-        sigma=np.sqrt(seen.sigma * mirrored.sigma[:, :, _MIRROR]),
-        bones=(seen.bones + mirrored.bones[:, :, order]) / 2,
-        sigma_bones=np.sqrt(seen.sigma_bones * mirrored.sigma_bones[:, :, order]),
-        centre=seen.centre,
-        scale=seen.scale,
-    )
-
-
-def _one_side(xy: FloatArray, confidence: FloatArray, body17: bool, known: Known) -> Depth:
     clips, frames = xy.shape[:2]
     longest = known.longest
     given = network_input(
@@ -215,39 +200,55 @@ def _one_side(xy: FloatArray, confidence: FloatArray, body17: bool, known: Known
         scale=known.scale,
         error_mm=None if known.error_mm is None else np.full(clips, known.error_mm),
     )
-    joints, bones = _run(given)
-    xyz, sigma_z, sigma = network_output(joints, given)
-    scale = np.broadcast_to(given.scale[:, None], (clips, frames))
-    return Depth(xyz, sigma_z, sigma, bones[..., 0], np.exp(bones[..., 1]), given.centre, scale)
+    mirror = mirrored(given)
+    joints, bones = _run(np.concatenate([given.features, mirror.features]))
+    xyz, sigma_z, sigma = network_output(joints[:clips], given)
+    other_xyz, other_z, other_sigma = network_output(joints[clips:], mirror)
+    length, error = bones[..., 0], np.exp(bones[..., 1])
+    order = _MIRROR[1:] - 1
+    return Depth(
+        xyz=(xyz + other_xyz[:, :, _MIRROR] * [-1.0, 1.0, 1.0]) / 2,
+        sigma_z=np.sqrt(sigma_z * other_z[:, :, _MIRROR]),
+        sigma=np.sqrt(sigma * other_sigma[:, :, _MIRROR]),
+        bones=(length[:clips] + length[clips:, :, order]) / 2,
+        sigma_bones=np.sqrt(error[:clips] * error[clips:, :, order]),
+        centre=given.centre,
+        scale=np.broadcast_to(given.scale[:, None], (clips, frames)),
+    )
 
 
-def _run(given: NetworkInput) -> tuple[FloatArray, FloatArray]:
+def _run(features: npt.NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+    """What the network answers to clips (B, T, F), some of them at a time on each core."""
     session = _session()
     # Networks of before bodies differed look at fewer features and say nothing of bones.
-    features = given.features[..., : session.inputs[0].shape[-1]]
+    features = features[..., : session.inputs[0].shape[-1]]
     names = [output.name for output in session.outputs]
-    answers = [np.asarray(a, np.float64) for a in session.run({"features": features}, names)]
-    if len(answers) == 1:
-        answers.append(np.full((*features.shape[:2], BONES, BONE_OUTPUTS), np.nan))
-    return answers[0], answers[1]
+    together = max(1, _TOGETHER // features.shape[1])
+
+    def answers(clips: slice) -> list[npt.NDArray[np.float32]]:
+        return session.run({"features": features[clips]}, names)
+
+    with ThreadPoolExecutor(default_threads(), thread_name_prefix="lifter") as cores:
+        parts = list(cores.map(answers, _slices(len(features), together)))
+    found = [np.concatenate(part, dtype=np.float64) for part in zip(*parts, strict=True)]
+    if len(found) == 1:
+        found.append(np.full((*features.shape[:2], BONES, BONE_OUTPUTS), np.nan))
+    return found[0], found[1]
 
 
 def give_back_memory() -> None:
     """Let go of what the network's runs took, 60 MB and more that ONNX Runtime would keep for the
     next ones: by a run of a single frame, for it does so only after one."""
     session = _session()
-    features = np.zeros((1, 1, session.inputs[0].shape[-1]), np.float32)
+    features = np.zeros((1, 1, FEATURES), np.float32)[..., : session.inputs[0].shape[-1]]
     names = [output.name for output in session.outputs]
     session.run({"features": features}, names, may_hold_nan=True, give_back=True)
 
 
 @lru_cache(maxsize=1)
-def _session():  # type: ignore[no-untyped-def]
-    from dance2pose.onnx_models.inference import (
-        open_session,  # the numerical core loads without ONNX Runtime
-    )
-
-    return open_session(asset(_MODEL))
+def _session() -> Session:
+    # One thread: cores that each answer clips of their own are busier than those that share one.
+    return open_session(asset(_MODEL), threads=1)
 
 
 def calibration(*, pictures: bool) -> Calibration:

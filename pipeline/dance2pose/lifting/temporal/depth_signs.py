@@ -25,7 +25,8 @@ _UNSEEN_ERRORS = 2.0
 # The network errs alike as long as the pose is alike: evidence counts anew when joints have moved
 # by so many mm in the picture, on average, or after so many seconds.
 _NEW_POSE_MM, _NEW_AFTER_S = 36.0, 1.5
-_CHUNK = 512  # frames solved together
+# Log odds that frames before or after tell of one, and of all together, at most.
+_SUREST, _SUREST_TOGETHER = np.log(2e12), 30.0
 
 
 def settle_depths(
@@ -57,8 +58,8 @@ def settle_depths(
     square_sigma = 2 * np.sqrt((spread * lengths**2) ** 2 + across2 * across_variance + 1.0)
     apart = np.sqrt(np.maximum(square, 0.0))
     count = _new_evidence(xyz[..., :2], time_s)
-    nearer = _probability_nearer(predicted, predicted_variance, apart, square_sigma, time_s, count)
-    sign = 2 * nearer - 1
+    log_odds = _log_odds_nearer(predicted, predicted_variance, apart, square_sigma, time_s, count)
+    sign = np.tanh(log_odds / 2)
     # Where d is small its error is large: d^2 = square +- square_sigma bounds it.
     apart_variance = np.minimum(square_sigma**2 / (4 * np.maximum(apart, 1.0) ** 2), square_sigma)
     settled_variance = apart_variance + (1 - sign**2) * apart**2
@@ -66,10 +67,10 @@ def settle_depths(
     step = predicted + trust * (sign * apart - predicted)
     variance = predicted_variance * settled_variance / (predicted_variance + settled_variance)
     depths, depth_variance = _depths(xyz[..., 2], sigma_z**2, step, variance, skeleton)
-    return depths, depth_variance, np.abs(np.log(nearer) - np.log1p(-nearer))
+    return depths, depth_variance, np.abs(log_odds)
 
 
-def _probability_nearer(
+def _log_odds_nearer(
     predicted: FloatArray,
     predicted_variance: FloatArray,
     apart: FloatArray,
@@ -77,21 +78,39 @@ def _probability_nearer(
     time_s: FloatArray,
     count: FloatArray,
 ) -> FloatArray:
-    """Probability (T, B) that the bone's far end is nearer to the viewer than its near one."""
-    frames = len(predicted)
+    """Log odds (T, B) that the bone's far end is nearer to the viewer than its near one."""
     scale = np.sqrt(predicted_variance / 2)  # of a Laplace distribution
     evidence = count[:, None] * (np.abs(predicted + apart) - np.abs(predicted - apart)) / scale
     # The way from one state to the other leads through zero; d itself is uncertain there.
     way = (apart[1:] + apart[:-1]) ** 2
     reach = (_SPEED * np.diff(time_s)[:, None]) ** 2 + square_sigma[1:] + square_sigma[:-1]
     flip = 0.5 * np.exp(-way / (2 * reach))
-    forward, backward = np.zeros_like(predicted), np.zeros_like(predicted)
-    for t in range(1, frames):
-        forward[t] = _carried(forward[t - 1] + evidence[t - 1], flip[t - 1])
-    for t in range(frames - 2, -1, -1):
-        backward[t] = _carried(backward[t + 1] + evidence[t + 1], flip[t])
-    total = np.clip(forward + evidence + backward, -30, 30)
-    return np.asarray(1 / (1 + np.exp(-total)))
+    total = evidence + sum(_of_neighbours(evidence, flip))
+    return np.asarray(np.clip(total, -_SUREST_TOGETHER, _SUREST_TOGETHER))
+
+
+def _of_neighbours(evidence: FloatArray, flip: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log odds (T, B) by the evidence (T, B) of all frames before each, and by that of all after.
+
+    flip: (T - 1, B) probability of another state in the next frame. Odds of before and of after
+    are carried in one loop, and odds rather than their logarithms: ratios are cheap.
+    """
+    ratio = np.exp(np.clip(evidence, -100, 100))
+    ratio = np.stack([ratio, ratio[::-1]], axis=1)
+    flip = np.stack([flip, flip[::-1]], axis=1)
+    stay = 1 - flip
+    odds = np.ones_like(ratio)
+    most = np.exp(_SUREST)
+    least, above, below = 1 / most, np.empty_like(ratio[0]), np.empty_like(ratio[0])
+    told = ratio[:-1]
+    steps = zip(odds[:-1], odds[1:], stay * told, flip * told, stay, flip, strict=True)
+    for now, after, stay_told, flip_told, stays, flips in steps:
+        np.add(np.multiply(stay_told, now, out=above), flips, out=above)
+        np.add(np.multiply(flip_told, now, out=below), stays, out=below)
+        np.divide(above, below, out=after)
+        np.minimum(np.maximum(after, least, out=after), most, out=after)
+    forward, backward = np.log(odds).transpose(1, 0, 2)
+    return forward, backward[::-1]
 
 
 def _new_evidence(xy: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -103,12 +122,6 @@ def _new_evidence(xy: FloatArray, time_s: FloatArray) -> FloatArray:
     return np.asarray(np.minimum((np.r_[new[:1], new] + np.r_[new, new[-1:]]) / 2, 1.0))
 
 
-def _carried(odds: FloatArray, flip: FloatArray) -> FloatArray:
-    """Log odds of a state after a step in which it changes with probability `flip`."""
-    tilt = (1 - 2 * flip) * np.tanh(np.clip(odds, -50, 50) / 2)
-    return np.asarray(2 * np.arctanh(np.clip(tilt, -1 + 1e-12, 1 - 1e-12)))
-
-
 def _depths(
     predicted: FloatArray,
     predicted_variance: FloatArray,
@@ -118,39 +131,21 @@ def _depths(
 ) -> tuple[FloatArray, FloatArray]:
     """Least squares: joints (T, J) near where they were predicted, bones (T, J - 1) as settled.
 
-    Frames have nothing to do with each other here, and each has a matrix (J, J): some at a time.
+    Bones make a tree: joints are eliminated from its leaves inwards, and solved from its root
+    outwards, each as it follows from its parent. All frames at once, without a matrix.
     """
-    depths, variance = np.empty_like(predicted), np.empty_like(predicted)
-    for start in range(0, len(predicted), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        depths[rows], variance[rows] = _depths_of_frames(
-            predicted[rows], predicted_variance[rows], step[rows], step_variance[rows], skeleton
-        )
-    return depths, variance
-
-
-def _depths_of_frames(
-    predicted: FloatArray,
-    predicted_variance: FloatArray,
-    step: FloatArray,
-    step_variance: FloatArray,
-    skeleton: Skeleton,
-) -> tuple[FloatArray, FloatArray]:
-    frames, joints = predicted.shape
     # The sum of all joints' errors is common to them (the root's own error): weak, not nothing.
-    weight = 0.25 / predicted_variance
-    normal = np.zeros((frames, joints, joints))
-    diagonal = np.arange(joints)
-    normal[:, diagonal, diagonal] = weight
-    right = weight * predicted
+    weight = 0.25 / predicted_variance.T
+    right = weight * predicted.T
+    stiff, step = 1 / step_variance.T, step.T
+    share = np.empty_like(stiff)
+    for b, (p, c) in reversed(list(enumerate(skeleton.bones))):
+        share[b] = stiff[b] / (weight[c] + stiff[b])
+        right[p] += share[b] * (right[c] - weight[c] * step[b])
+        weight[p] += share[b] * weight[c]
+    depths, variance = right / weight, 1 / weight
     for b, (p, c) in enumerate(skeleton.bones):
-        w = 1 / step_variance[:, b]
-        normal[:, p, p] += w
-        normal[:, c, c] += w
-        normal[:, p, c] -= w
-        normal[:, c, p] -= w
-        right[:, c] += w * step[:, b]
-        right[:, p] -= w * step[:, b]
-    inverse = np.linalg.inv(normal)
-    depths = (inverse @ right[..., None])[..., 0]
-    return depths, np.ascontiguousarray(inverse[:, diagonal, diagonal])
+        alone = 1 / (weight[c] + stiff[b])
+        depths[c] = alone * right[c] + share[b] * (depths[p] + step[b])
+        variance[c] = alone + share[b] ** 2 * variance[p]
+    return np.ascontiguousarray(depths.T), np.ascontiguousarray(variance.T)

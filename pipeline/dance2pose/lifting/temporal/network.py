@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dance2pose.body import BODY17_BONES_MM, BODY_BONES_MM
-from dance2pose.poses import BoolArray, FloatArray
+from dance2pose.poses import BoolArray, FloatArray, IntArray
 from dance2pose.skeleton import get
 
 # Frames per second that the network's temporal filters are trained at.
@@ -127,6 +127,28 @@ def network_input(
         axis=-1,
     )
     return NetworkInput(features.astype(np.float32), centre, scale)
+
+
+def _mirror_of_features() -> tuple[IntArray, npt.NDArray[np.float32]]:
+    """Where each feature (F,) of a mirrored clip is found, and its sign (F,)."""
+    joints = np.array(get("cmu17").mirror)
+    bones = joints[1:] - 1
+    of_clip = np.arange(1)
+    parts = [2 * np.repeat(joints, 2) + np.tile([0, 1], JOINTS), joints, bones, bones, of_clip]
+    parts += [bones, np.arange(4)]
+    starts = np.cumsum([0, *(len(part) for part in parts[:-1])])
+    sign = np.ones(FEATURES, np.float32)
+    sign[: 2 * JOINTS : 2] = -1
+    return np.concatenate([start + part for start, part in zip(starts, parts, strict=True)]), sign
+
+
+_MIRROR, _MIRROR_SIGN = _mirror_of_features()
+
+
+def mirrored(given: NetworkInput) -> NetworkInput:
+    """The input of the clips' mirror images: left and right changed, x negated."""
+    features = given.features[..., _MIRROR] * _MIRROR_SIGN
+    return NetworkInput(features, given.centre * [-1.0, 1.0], given.scale)
 
 
 def network_output(

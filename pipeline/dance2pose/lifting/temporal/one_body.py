@@ -33,7 +33,7 @@ from dance2pose.lifting.temporal.smoothness import frames_averaged, smooth_path
 from dance2pose.lifting.temporal.track_rows import Rows
 from dance2pose.limits import evidence
 from dance2pose.limits import model as limits
-from dance2pose.poses import FloatArray
+from dance2pose.poses import FloatArray, IntArray
 
 # The network's errors of depth, by how much of them changes from one frame to the next and how
 # much stays: only the first can be smoothed away.
@@ -214,6 +214,9 @@ class Focus:
     root: FloatArray
     px_per_mm: FloatArray
 
+    def at(self, rows: IntArray) -> Focus:
+        return Focus(self.focal_px, self.root[rows], self.px_per_mm[rows])
+
 
 def _within_limits(
     xyz: FloatArray, log_odds: FloatArray, seen: Rows, found: Found, focus: Focus | None
@@ -222,10 +225,12 @@ def _within_limits(
     learned, within = limits.load(seen.skeleton), xyz.copy()
     for part in seen.parts:
         within[part] = evidence.settled(learned, xyz[part], log_odds[part], seen.time_s[part])
-    changed = (within != xyz).any(axis=(1, 2), keepdims=True)
+    rows = np.flatnonzero((within != xyz).any(axis=(1, 2)))
+    mirrored = within[rows]
     if focus is not None:
-        within = _seen_as_before(within, xyz, focus)
-    return np.where(changed, retarget(within, seen.tree, found.body.lengths_mm), xyz)
+        mirrored = _seen_as_before(mirrored, xyz[rows], focus.at(rows))
+    within[rows] = retarget(mirrored, seen.tree, found.body.lengths_mm)
+    return within
 
 
 def _with_bones(joints: Joints, seen: Rows, found: Found) -> FloatArray:

@@ -29,15 +29,16 @@ def smooth_path(
     if frames < 3:
         return values
     acceleration = acceleration or _ACCELERATION
-    flat = values.reshape(frames, -1)
-    weight = 1.0 / np.square(np.broadcast_to(sigma, values.shape).reshape(frames, -1))
-    bands = second_difference_bands(time_s) / acceleration**2
-    out = np.empty_like(flat)
-    for column in range(flat.shape[1]):
-        system = bands.copy()
-        system[2] += weight[:, column]
-        out[:, column] = solveh_banded(system, weight[:, column] * flat[:, column])
-    return out.reshape(values.shape)
+    # Coordinates of a point that err alike have one system; all systems, which nothing couples, are
+    # solved as one.
+    alike = values.shape[-1] if values.ndim > 1 and sigma.shape[-1:] in ((), (1,)) else 1
+    flat = values.reshape(frames, -1, alike).transpose(1, 0, 2)
+    sigma = np.broadcast_to(sigma, values.shape).reshape(frames, -1, alike)[..., :1]
+    weight = 1.0 / np.square(sigma.transpose(1, 0, 2))
+    bands = np.tile(second_difference_bands(time_s) / acceleration**2, len(flat))
+    bands[2] += weight.ravel()
+    out = solveh_banded(bands, (weight * flat).reshape(-1, alike), overwrite_ab=True)
+    return np.asarray(out.reshape(flat.shape).transpose(1, 0, 2).reshape(values.shape))
 
 
 def frames_averaged(
