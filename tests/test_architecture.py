@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1] / "pipeline" / "dance2pose"
 # From the ground up: a room imports from its own floor's files and from floors below it only.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "array_records", "assets", "progress", "profiling", "large_blocks", "beside"),
+    ("small_picture",),
     ("viewpoint", "poses", "options", "output_files", "leftovers", "holes", "file_hash"),
     ("skeleton_tables",),
     ("skeleton", "npz_files", "body", "settings_file", "tables"),

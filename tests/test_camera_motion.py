@@ -10,12 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dance2pose.background_motion import STILL_PX, CameraMotionEstimator
-from dance2pose.background_view import SIZE, BackgroundView, Scene
+from dance2pose.background_view import BackgroundView, Scene
 from dance2pose.errors import DataError
 from dance2pose.lifting.lift import lift_all
 from dance2pose.lifting.world.moving_camera import CameraMotion
-from dance2pose.poses import FloatArray, Frame, Image, Track2D
+from dance2pose.poses import FloatArray, Image, Track2D
 from dance2pose.skeleton import get
+from dance2pose.small_picture import SIZE, Grey, small_grey
 from dance2pose.video import open_video
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -49,10 +50,14 @@ def turned(pan: float = 0.0, tilt: float = 0.0, roll: float = 0.0) -> FloatArray
 
 
 def followed(pictures: list[Image], boxes: list[FloatArray] | None = None) -> CameraMotion:
+    return followed_small([small_grey(picture) for picture in pictures], boxes)
+
+
+def followed_small(pictures: list[Grey], boxes: list[FloatArray] | None = None) -> CameraMotion:
     estimator = CameraMotionEstimator((WIDTH, HEIGHT), FOV_DEG)
     for index, picture in enumerate(pictures):
         people = NO_PEOPLE if boxes is None else boxes[index]
-        estimator.update(Frame(2 * index, index / 25, picture), people)
+        estimator.update(2 * index, index / 25, picture, people)
     return estimator.finish()
 
 
@@ -127,16 +132,17 @@ def test_the_threshold_of_stillness_is_as_stated(shake: float, moves: bool) -> N
 
 def looks_of(pictures: list[Image], monkeypatch: pytest.MonkeyPatch) -> tuple[int, CameraMotion]:
     """How many of the pictures are looked at, and the motion."""
-    looked: list[int] = []
+    small = [small_grey(picture) for picture in pictures]
+    looked: set[int] = set()
     usual = BackgroundView.scene
 
-    def scene(self: BackgroundView, image: Image, boxes: FloatArray) -> Scene:
-        looked.append(next(i for i, picture in enumerate(pictures) if picture is image))
-        return usual(self, image, boxes)
+    def scene(self: BackgroundView, picture: Grey, boxes: FloatArray) -> Scene:
+        looked.add(next(i for i, one in enumerate(small) if one is picture))
+        return usual(self, picture, boxes)
 
     monkeypatch.setattr(BackgroundView, "scene", scene)
-    motion = followed(pictures)
-    return len(set(looked)), motion
+    motion = followed_small(small)
+    return len(looked), motion
 
 
 def test_an_even_movement_needs_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +171,8 @@ def test_every_frame_is_accounted_for_however_the_times_lie() -> None:
     estimator = CameraMotionEstimator((WIDTH, HEIGHT), FOV_DEG)
     truth = [turned(pan=3 * t) for t in times - times[0]]
     for index, (time_s, rotation) in enumerate(zip(times, truth, strict=True)):
-        estimator.update(Frame(index, float(time_s), looking(world, rotation)), NO_PEOPLE)
+        picture = small_grey(looking(world, rotation))
+        estimator.update(index, float(time_s), picture, NO_PEOPLE)
     motion = estimator.finish()
     np.testing.assert_array_equal(motion.frame, np.arange(len(times)))
     assert off_deg(motion, truth) < 0.1
@@ -176,8 +183,8 @@ def test_every_shot_begins_anew() -> None:
     way = np.linspace(0, 10, 11)
     for index in range(22):
         world = texture(index // 11)
-        picture = looking(world, turned(pan=way[index % 11] if index < 11 else 0))
-        estimator.update(Frame(index, index / 25, picture), NO_PEOPLE, cut=index == 11)
+        picture = small_grey(looking(world, turned(pan=way[index % 11] if index < 11 else 0)))
+        estimator.update(index, index / 25, picture, NO_PEOPLE, cut=index == 11)
     motion = estimator.finish()
     np.testing.assert_array_equal(motion.shot, np.repeat([0, 1], 11))
     assert (motion.rotation[11:] == np.eye(3)).all()
@@ -216,7 +223,7 @@ def test_real_cameras(name: str, low: float, high: float) -> None:
         for frame in frames:
             height, width = frame.image.shape[:2]
             estimator = estimator or CameraMotionEstimator((width, height))
-            estimator.update(frame, NO_PEOPLE)
+            estimator.update(frame.index, frame.time_s, frame.small, NO_PEOPLE)
     assert estimator is not None
     pan = estimator.finish().spans()[0][0]
     assert low <= pan <= high

@@ -2,8 +2,9 @@
 
 `background_view` tells where the camera looks in a single picture. Several times a second are
 enough for a camera that stands, pans or zooms evenly: frames between two that were looked at are
-interpolated. Where the camera is not where its even movement would have taken it, every frame is
-looked at. (A jolt that is over by the next look goes unseen.)
+interpolated. Where the camera is not where its even movement would have taken it, the frame in the
+middle is looked at too, and so on between while interpolation does not do. (A jolt that is over by
+the next look goes unseen.)
 """
 
 from __future__ import annotations
@@ -12,20 +13,20 @@ from array import array
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dance2pose.background_view import FIRST_VIEW, BackgroundView, Scene, View
+from dance2pose.background_view import FIRST_VIEW, BackgroundView, Scene, View, between
 from dance2pose.lifting.world.moving_camera import CameraMotion, joined_shots
-from dance2pose.poses import FloatArray, Frame
+from dance2pose.poses import FloatArray
+from dance2pose.small_picture import Grey
 
 # A shot whose background never moves by more than this, px at SIZE (0.3 % of the longer side),
 # root mean square over the picture, is one of a camera that stands still.
-STILL_PX = 1.0
+STILL_PX = 0.8
 # The camera is looked at so often where it moves evenly: eight times a second, the hands that hold
 # it moving it no faster, ...
 LOOK_EVERY_S = 0.125
-# ... holding no more pictures than this.
-MOST_WAITING = 4
+# ... holding no more small pictures than this.
+MOST_WAITING = 16
 # It moves evenly while interpolation between two looks, where it was last compared with looking,
 # was this near, px at SIZE, root mean square: a camera that moves by less stands still, ...
 BETWEEN_PX = STILL_PX
@@ -49,7 +50,9 @@ class _Looked:
 
 @dataclass(frozen=True)
 class _Waiting:
-    frame: Frame
+    index: int
+    time_s: float
+    picture: Grey
     boxes: FloatArray
 
 
@@ -66,13 +69,11 @@ class CameraMotionEstimator:
 
     Examples
     --------
-    >>> from dance2pose.poses import Frame
     >>> import numpy as np
-    >>> rng = np.random.default_rng(0)
-    >>> picture = rng.integers(0, 255, (120, 160, 3), np.uint8)
+    >>> picture = np.random.default_rng(0).integers(0, 255, (120, 160), np.uint8)
     >>> follower = CameraMotionEstimator((160, 120))
     >>> for index in range(3):
-    ...     follower.update(Frame(index, index / 25, picture), np.zeros((0, 4)))
+    ...     follower.update(index, index / 25, picture, np.zeros((0, 4)))
     >>> follower.finish().moves
     False
     """
@@ -88,8 +89,6 @@ class CameraMotionEstimator:
         self._rotations = array("d")
         self._zooms = array("d")
         self._known = array("b")
-        # The views of the last frames.
-        self._views: list[View] = []
         self._waiting: list[_Waiting] = []
         # The last scene, and the last frames that were looked at, one after the other.
         self._last: Scene | None = None
@@ -97,11 +96,17 @@ class CameraMotionEstimator:
         # Looks that may be taken yet before all waiting frames are looked at again.
         self._credit = 0
 
-    def update(self, frame: Frame, boxes: FloatArray, *, cut: bool = False) -> None:
-        """The next frame. boxes: (N, 4) xyxy px, its people. cut: a new shot begins with it."""
+    def update(
+        self, index: int, time_s: float, picture: Grey, boxes: FloatArray, *, cut: bool = False
+    ) -> None:
+        """The next frame.
+
+        index, time_s, picture: a `Frame`'s index, time and small picture, all that is held of it.
+        boxes: (N, 4) xyxy px, its people. cut: a new shot begins with it.
+        """
         if cut:
             self._end_shot()
-        self._waiting.append(_Waiting(frame, boxes))
+        self._waiting.append(_Waiting(index, time_s, picture, boxes))
         if self._is_time():
             self._look()
 
@@ -115,50 +120,65 @@ class CameraMotionEstimator:
         if not self._looked or len(self._waiting) >= MOST_WAITING:
             return True
         last = self._looked[-1].time_s
-        times = [last, *(one.frame.time_s for one in self._waiting)]
+        times = [last, *(one.time_s for one in self._waiting)]
         return 2 * times[-1] - times[-2] - last > LOOK_EVERY_S + _ROUNDING_S
 
     def _look(self) -> None:
-        """Look at the last of the waiting frames, and where need be at all of them."""
+        """Look at the last of the waiting frames, and where need be at others between."""
         waiting, self._waiting = self._waiting, []
-        if self._credit and len(waiting) > 1 and self._looked_at_once(waiting):
+        if len(waiting) == 1 or not self._looked_at_some(waiting):
+            for one in waiting:
+                self._look_at(one)
+
+    def _looked_at_some(self, waiting: list[_Waiting]) -> bool:
+        """Look at as few frames as tell the views of all; False, and nothing is done, where one of
+        these shows nothing."""
+        start, last = self._looked[-1], waiting[-1]
+        expected = self._expected(last.time_s)
+        scene = self._background.scene(last.picture, last.boxes)
+        sight = self._background.glance(scene, expected or start.view)
+        if sight is None or not start.known:
+            return False
+        end = _Looked(last.time_s, sight.view, True)
+        was_even = expected and self._background.apart(expected, sight.view) <= EVEN_PX
+        if self._credit and was_even:
             self._credit -= 1
-            return
-        for one in waiting:
-            self._look_at(one)
-        self._credit = LOOKS_UNCOMPARED if self._was_even(waiting) else 0
-
-    def _was_even(self, waiting: list[_Waiting]) -> bool:
-        """Whether interpolation would have done for the frames that were just looked at."""
-        rows = len(waiting) + 1
-        if len(self._frames) < rows or not all(self._known[-rows:]):
-            return False
-        views, last_s = self._views[-rows:], self._looked[-rows].time_s
-        step_s = waiting[-1].frame.time_s - last_s
-        for view, one in zip(views[1:-1], waiting, strict=False):
-            guessed = _between(views[0], views[-1], (one.frame.time_s - last_s) / step_s)
-            if self._background.apart(guessed, view) > BETWEEN_PX:
+            views = [_at(start, end, one.time_s) for one in waiting[:-1]]
+        else:
+            found = self._views_between(start, waiting[:-1], end)
+            if found is None:
                 return False
+            views, is_even = found
+            self._credit = LOOKS_UNCOMPARED if is_even else 0
+        view = self._background.settle(scene, sight)
+        for one, seen in zip(waiting, [*views, view], strict=True):
+            self._record(one, seen, known=True)
+        self._remember(scene, end)
         return True
 
-    def _looked_at_once(self, waiting: list[_Waiting]) -> bool:
-        """Look at the last frame; False, and nothing is done, if the camera moves unevenly."""
-        start, one = self._looked[-1], waiting[-1]
-        expected = self._expected(one.frame.time_s)
-        if expected is None or not start.known:
-            return False
-        scene = self._background.scene(one.frame.image, one.boxes)
-        sight = self._background.glance(scene, expected)
-        if sight is None or self._background.apart(expected, sight.view) > EVEN_PX:
-            return False
-        view = self._background.settle(scene, sight)
-        step_s = one.frame.time_s - start.time_s
-        for between in waiting[:-1]:
-            share = (between.frame.time_s - start.time_s) / step_s
-            self._record(between.frame, _between(start.view, view, share), known=True)
-        self._record(one.frame, view, known=True)
-        self._remember(scene, _Looked(one.frame.time_s, view, True))
-        return True
+    def _views_between(
+        self, start: _Looked, frames: list[_Waiting], end: _Looked
+    ) -> tuple[list[View], bool] | None:
+        """The views of frames between two that were looked at, and whether interpolation would
+        have done: the one in the middle tells. None where that shows nothing."""
+        if not frames:
+            return [], True
+        half = len(frames) // 2
+        middle = frames[half]
+        guess = _at(start, end, middle.time_s)
+        scene = self._background.scene(middle.picture, middle.boxes)
+        sight = self._background.glance(scene, guess)
+        if sight is None:
+            return None
+        here = _Looked(middle.time_s, sight.view, True)
+        parts = (start, frames[:half], here), (here, frames[half + 1 :], end)
+        if self._background.apart(guess, sight.view) <= BETWEEN_PX:
+            before, after = ([_at(a, b, one.time_s) for one in part] for a, part, b in parts)
+            return [*before, here.view, *after], True
+        found = [self._views_between(*part) for part in parts]
+        if found[0] is None or found[1] is None:
+            return None
+        return [*found[0][0], here.view, *found[1][0]], False
 
     def _expected(self, time_s: float) -> View | None:
         """Where the camera would look now by its speed since about `LOOK_EVERY_S` ago."""
@@ -166,26 +186,25 @@ class CameraMotionEstimator:
         for before in reversed(self._looked):
             since_s = now.time_s - before.time_s
             if since_s >= LOOK_EVERY_S / 2 and before.known:
-                return _between(before.view, now.view, (time_s - before.time_s) / since_s)
+                return _at(before, now, time_s)
         return None
 
     def _look_at(self, one: _Waiting) -> None:
-        scene = self._background.scene(one.frame.image, one.boxes)
+        scene = self._background.scene(one.picture, one.boxes)
         if self._last is None:
             view, known = FIRST_VIEW, self._background.begin(scene)
         else:
-            near = self._views[-1]
+            near = self._looked[-1].view
             found = self._background.look(scene, self._last, near)
             view, known = found or near, found is not None
-        self._record(one.frame, view, known=known)
-        self._remember(scene, _Looked(one.frame.time_s, view, known))
+        self._record(one, view, known=known)
+        self._remember(scene, _Looked(one.time_s, view, known))
 
-    def _record(self, frame: Frame, view: View, *, known: bool) -> None:
-        self._frames.append(frame.index)
+    def _record(self, one: _Waiting, view: View, *, known: bool) -> None:
+        self._frames.append(one.index)
         self._rotations.frombytes(view.rotation.astype(np.float64).tobytes())
         self._zooms.append(view.zoom)
         self._known.append(known)
-        self._views = [*self._views[-MOST_WAITING:], view]
 
     def _remember(self, scene: Scene, looked: _Looked) -> None:
         self._last = scene
@@ -213,8 +232,6 @@ class CameraMotionEstimator:
         self._start()
 
 
-def _between(one: View, other: View, share: float) -> View:
-    """The view that share (0..1, or beyond) of the way leads to, turning and zooming evenly."""
-    turn = Rotation.from_matrix(one.rotation.T @ other.rotation).as_rotvec()
-    rotation = one.rotation @ Rotation.from_rotvec(share * turn).as_matrix()
-    return View(rotation, float(one.zoom * (other.zoom / one.zoom) ** share))
+def _at(one: _Looked, other: _Looked, time_s: float) -> View:
+    """Where the camera looks at another time, turning and zooming evenly."""
+    return between(one.view, other.view, (time_s - one.time_s) / (other.time_s - one.time_s))

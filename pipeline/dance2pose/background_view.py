@@ -14,35 +14,36 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from dance2pose.lifting.world.perspective import camera_of
-from dance2pose.poses import FloatArray, Image
+from dance2pose.poses import BoolArray, FloatArray
+from dance2pose.small_picture import SIZE, Grey, small_size
 
-# The longer side of the picture that is looked at, px.
-SIZE = 320
 # A point of the background lies this near to where the others say, px at SIZE.
-_AGREE_PX = 1.0
+_AGREE_PX = 0.8
 # Guesses at the movement, from two points each: if a third of the points agree, one of these is
 # of two such but in one case of a thousand.
 _GUESSES = 64
-_CORNERS, _FEWEST = 120, 12
-_QUALITY, _APART_PX = 0.003, 6.0
+_CORNERS, _FEWEST = 80, 12
+_QUALITY, _APART_PX = 0.003, 5.0
 # Fewer of a key's corners than this part: time for another key.
 _FADED = 0.5
 # A picture that shows less than this part of a key's view cannot be compared with it.
 _OVERLAP = 0.6
-_TURNED = np.radians(60.0)
+_LEAST_COSINE = 0.5  # of the angle between them
 _MOST_KEYS = 32
 _MARGIN = 0.1  # of a person's box, that hair and shadow may stand out
 _FLOW_WINDOW, _FLOW_LEVELS = (13, 13), 2
 _FLOW_ENOUGH = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 # A step of the fit that moves no point by a hundredth of a pixel is the last.
-_LAST_STEP_RAD = 1e-5
+_LAST_STEP_RAD = 3e-5
+# Of the sum of the normal equations' diagonal, added to it.
+_LEAST_PART = 1e-9
+_DIAGONAL = np.diag_indices(4)
+# From axes y up to pixels y down.
+_DOWN = np.array([1.0, -1.0])
 # Where the whole picture's movement is measured, as shares of its sides.
 _GRID = np.stack(np.meshgrid([0.1, 0.5, 0.9], [0.1, 0.5, 0.9]), axis=-1).reshape(-1, 2)
-
-_Grey = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ FIRST_VIEW = View(np.eye(3), 1.0)
 class Scene:
     """A small grey picture, and its mask: 255 where no person is."""
 
-    picture: _Grey
-    background: _Grey
+    picture: Grey
+    background: Grey
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class _Key:
     """A picture to compare with. points: (N, 1, 2) px of its corners. directions: (N, 3) to them,
     in the first frame's axes."""
 
-    picture: _Grey
+    picture: Grey
     points: npt.NDArray[np.float32]
     directions: FloatArray
     view: View
@@ -93,21 +94,15 @@ class BackgroundView:
     def __init__(self, image_size: tuple[int, int], fov_deg: float | None) -> None:
         width, height = image_size
         self._scale = min(1.0, SIZE / max(width, height))
-        self._size = (max(1, round(width * self._scale)), max(1, round(height * self._scale)))
+        self._size = small_size(width, height)
         self._camera = camera_of(self._size, fov_deg)
         self._keys: list[_Key] = []
         self._key: _Key | None = None
 
-    def scene(self, image: Image, boxes: FloatArray) -> Scene:
-        """What is looked at of a picture with people in boxes (N, 4), xyxy px."""
-        height, width = image.shape[:2]
-        step = max(1, int(0.5 / self._scale))  # averaging every pixel takes long
-        if step > 1:
-            size = (width // step, height // step)
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        small = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA)
-        return Scene(np.asarray(small, np.uint8), self._background(boxes))
+    def scene(self, picture: Grey, boxes: FloatArray) -> Scene:
+        """What is looked at of a small picture with people in boxes (N, 4), xyxy px of the large
+        one."""
+        return Scene(picture, self._background(boxes))
 
     def begin(self, scene: Scene) -> bool:
         """A new shot. Returns whether there is background enough to tell its views by."""
@@ -150,7 +145,7 @@ class BackgroundView:
         moved = self._seen(directions, other.rotation, other.zoom) - _GRID * self._size
         return float(np.sqrt(np.square(moved).sum(axis=1).mean()))
 
-    def _background(self, boxes: FloatArray) -> _Grey:
+    def _background(self, boxes: FloatArray) -> Grey:
         mask = np.full(self._size[::-1], 255, np.uint8)
         for x0, y0, x1, y1 in boxes * self._scale:
             if not np.isfinite([x0, y0, x1, y1]).all():
@@ -177,13 +172,29 @@ class BackgroundView:
         if len(rows) < _FEWEST:
             return None
         directions, seen = key.directions[rows], np.asarray(at[rows, 0], np.float64)
-        view = self._roughly(directions, seen, near)
-        off = seen - self._seen(directions, view.rotation, view.zoom)
-        agree = np.square(off).sum(axis=1) < _AGREE_PX**2
+        view = self._by_most(directions, seen, near)
+        if view is None:
+            view = self._roughly(directions, seen, near)
+        agree = self._agree(directions, seen, view)
         if agree.sum() < _FEWEST:
             return None
         view = self._fitted(directions[agree], seen[agree], view)
         return Sight(view, agree.sum() / len(key.points))
+
+    def _agree(self, directions: FloatArray, at: FloatArray, view: View) -> BoolArray:
+        off = at - self._seen(directions, view.rotation, view.zoom)
+        return np.asarray(np.square(off).sum(axis=1) < _AGREE_PX**2)
+
+    def _by_most(self, directions: FloatArray, at: FloatArray, near: View) -> View | None:
+        """The view by which more than half of the points move as one, which is soon told where
+        most move as their median does; else None."""
+        slope, off = self._linear(directions, at, near)
+        half = len(off) // 2
+        away = np.square(off - np.sort(off, axis=0)[half]).sum(axis=1)
+        agree = away <= max(np.sort(away)[half], _AGREE_PX**2)
+        view = _stepped(near, _solved(slope[agree], off[agree]))
+        agree = self._agree(directions, at, view)
+        return view if 2 * agree.sum() > len(at) else None
 
     def _roughly(self, directions: FloatArray, at: FloatArray, near: View) -> View:
         """The view to first order, by the most points that move as one: RANSAC, each guess at the
@@ -214,16 +225,18 @@ class BackgroundView:
     ) -> tuple[FloatArray, FloatArray]:
         """What a small turn and zoom do to what is seen (N, 2, 4), and what they should (N, 2)."""
         seen = directions @ view.rotation  # in this frame's axes
-        x, y, ahead = seen[:, 0], seen[:, 1], np.maximum(-seen[:, 2], 1e-3)
         focal = self._camera.focal_px * view.zoom
         # Of (x, y) / ahead after a small turn w of the camera, which moves what is seen by
         # seen x w, and a small zoom.
-        u, v = x / ahead, y / ahead
+        flat = seen[:, :2] / np.maximum(-seen[:, 2:], 1e-3)
+        u, v = flat.T
         slope = np.empty((len(u), 2, 4))
-        slope[:, 0] = np.stack([-u * v, 1 + u * u, v, u], axis=1)
-        slope[:, 1] = np.stack([-(1 + v * v), u * v, -u, v], axis=1)
-        now = self._camera.centre + focal * np.stack([u, v], axis=1)
-        return focal * slope, at * [1.0, -1.0] - now
+        slope[:, 0, 0] = slope[:, 1, 1] = u * v
+        slope[:, 0, 0] *= -1
+        slope[:, 0, 1], slope[:, 1, 0] = 1 + u * u, -1 - v * v
+        slope[:, 0, 2], slope[:, 1, 2] = v, -u
+        slope[:, :, 3] = flat
+        return focal * slope, at * _DOWN - (self._camera.centre + focal * flat)
 
     def _seen(
         self, directions: FloatArray, rotation: FloatArray, zoom: float | FloatArray
@@ -232,10 +245,10 @@ class BackgroundView:
         seen = directions @ rotation
         ahead = np.maximum(-seen[..., 2:], 1e-3)
         flat = self._camera.centre + self._camera.focal_px * zoom * seen[..., :2] / ahead
-        return np.asarray(flat * np.array([1.0, -1.0]))
+        return np.asarray(flat * _DOWN)
 
     def _directions(self, points: FloatArray, view: View) -> FloatArray:
-        flat = (points * [1.0, -1.0] - self._camera.centre) / (self._camera.focal_px * view.zoom)
+        flat = (points * _DOWN - self._camera.centre) / (self._camera.focal_px * view.zoom)
         rays = np.concatenate([flat, -np.ones((len(flat), 1))], axis=1)
         return np.asarray(rays @ view.rotation.T)
 
@@ -262,32 +275,50 @@ class BackgroundView:
         self._key = self._new_key(scene, view) or self._key
 
     def _overlaps(self, key: _Key, view: View) -> bool:
-        turned = np.arccos(np.clip((key.view.rotation[:, 2] @ view.rotation[:, 2]), -1, 1))
-        if turned > _TURNED:  # soon told
+        """Whether a picture of this view shows enough of the key's."""
+        x, y, behind = key.view.rotation[:, 2] @ view.rotation  # the key's axis, in this view's
+        if behind < _LEAST_COSINE:
             return False
-        at = self._seen(key.directions, view.rotation, view.zoom)
-        inside = ((at >= 0) & (at < self._size)).all(axis=1)
-        ahead = (key.directions @ view.rotation)[:, 2] < 0
-        return bool((inside & ahead).mean() >= _OVERLAP and 0.6 < view.zoom / key.view.zoom < 1.6)
+        focal = self._camera.focal_px * view.zoom / behind
+        width, height = self._size
+        share = max(0.0, 1 - focal * abs(x) / width) * max(0.0, 1 - focal * abs(y) / height)
+        return bool(share >= _OVERLAP and 0.6 < view.zoom / key.view.zoom < 1.6)
 
 
 def _solved(slope: FloatArray, off: FloatArray) -> FloatArray:
     """The step (4,) by which slope (N, 2, 4) comes nearest to off (N, 2)."""
     flat = slope.reshape(-1, 4)
-    return np.asarray(np.linalg.lstsq(flat, off.reshape(-1), rcond=None)[0])
+    normal = flat.T @ flat
+    normal[_DIAGONAL] += _LEAST_PART * normal.trace()  # points too near each other tell no zoom
+    return np.asarray(np.linalg.solve(normal, flat.T @ off.reshape(-1)))
 
 
 def _stepped(view: View, step: FloatArray) -> View:
     """The view after a turn (rotation vector) and the logarithm of a zoom."""
-    rotation = view.rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
+    rotation = view.rotation @ rotation_by(step[:3])
     return View(rotation, float(view.zoom * np.exp(np.clip(step[3], -0.5, 0.5))))
 
 
-def _values(mask: _Grey, at: FloatArray) -> _Grey:
+def rotation_by(turn: FloatArray) -> FloatArray:
+    """The matrix (3, 3) of a rotation vector. (OpenCV's takes a tenth of SciPy's time.)"""
+    return np.asarray(cv2.Rodrigues(turn)[0])
+
+
+def turn_of(rotation: FloatArray) -> FloatArray:
+    """The rotation vector of a matrix (3, 3)."""
+    return np.asarray(cv2.Rodrigues(rotation)[0][:, 0])
+
+
+def between(one: View, other: View, share: float) -> View:
+    """The view that share (0..1, or beyond) of the way leads to, turning and zooming evenly."""
+    turn = share * turn_of(one.rotation.T @ other.rotation)
+    zoom = float(one.zoom * (other.zoom / one.zoom) ** share)
+    return View(one.rotation @ rotation_by(turn), zoom)
+
+
+def _values(mask: Grey, at: FloatArray) -> Grey:
     """The mask at points (N, 2); 0 outside of it."""
-    x, y = np.rint(np.nan_to_num(at, nan=-1.0)).clip(-1, 1e6).astype(int).T
     height, width = mask.shape
-    inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    out = np.zeros(len(at), np.uint8)
-    out[inside] = mask[y[inside], x[inside]]
-    return out
+    column, row = np.rint(np.nan_to_num(at, nan=-1.0).clip(-1, 1e6)).astype(int).T
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    return np.where(inside, mask[row.clip(0, height - 1), column.clip(0, width - 1)], 0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -102,6 +103,13 @@ class Frame:
         require_shape("image", self.image, (None, None, 3))
         if self.image.dtype != np.uint8:
             raise ValueError(f"image has dtype {self.image.dtype}, expected uint8")
+
+    @cached_property
+    def small(self) -> Image:
+        """The picture small and grey (h, w), made once; see `small_picture`."""
+        from dance2pose.small_picture import small_grey
+
+        return small_grey(self.image)
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,15 @@ two nearly equal views of the same room.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import ceil
+
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from dance2pose.poses import Frame, Image, Inner
+from dance2pose.small_picture import Grey
 
 # Pictures are compared at this size, px. Larger gains nothing and follows fast limbs more.
 SIZE = 64
@@ -40,13 +45,14 @@ LEAST_STRUCTURE = 12.0
 # Larger shifts between two pictures, as a part of their size, are chance, not a camera's movement.
 MAX_SHIFT = 0.25
 
+_NOTHING = np.full((SIZE, SIZE), 128, np.uint8)
+
 
 class ShotDetector:
     """Tells, frame by frame, where a new shot begins."""
 
     def __init__(self) -> None:
-        self._last: Frame | None = None
-        self._prepared: Image | None = None
+        self._last: _Sight | None = None
 
     def is_cut(self, frame: Frame) -> bool:
         """Whether `frame` is the first of a new shot. Give it every frame, in order.
@@ -54,49 +60,70 @@ class ShotDetector:
         A frame without structure (black, or white with a flash) is never a cut; the next is
         compared with the last that had some. The first frame of a video is not a cut.
         """
-        picture = prepare(frame.image, frame.inner)
-        if np.abs(picture.astype(np.int16) - 128).mean() < LEAST_STRUCTURE:
+        inner = None if frame.inner is None else _shrunk(frame)
+        picture = prepare(frame.small, inner)
+        if _distance(picture, _NOTHING) < LEAST_STRUCTURE:
             return False
-        last, before = self._last, self._prepared
-        self._last, self._prepared = frame, picture
+        last, self._last = self._last, _Sight(frame.small, inner, picture)
         # Laid over each other they can only differ less: most frames need no closer look.
-        if last is None or before is None or _distance(before, picture) < THRESHOLD:
+        if last is None or _distance(last.prepared, picture) < THRESHOLD:
             return False
-        if not differ(*align(before, picture)):
+        if not differ(*align(last.prepared, picture)):
             return False
-        return last.inner == frame.inner or _common_parts_differ(last, frame)
+        return last.inner == inner or _common_parts_differ(last, self._last)
 
 
-def _common_parts_differ(last: Frame, frame: Frame) -> bool:
+@dataclass(frozen=True)
+class _Sight:
+    """A frame's small picture, where in it the picture is within borders, and it prepared."""
+
+    small: Grey
+    inner: Inner | None
+    prepared: Image
+
+
+def _shrunk(frame: Frame) -> Inner:
+    """Where the picture is within borders, in the small picture: whole pixels of it."""
+    assert frame.inner is not None
+    left, top, width, height = frame.inner
+    scale = np.array(frame.small.shape) / frame.image.shape[:2]
+    (y0, y1), (x0, x1) = np.array([[top, top + height], [left, left + width]]) * scale[:, None]
+    return ceil(x0), ceil(y0), max(1, int(x1) - ceil(x0)), max(1, int(y1) - ceil(y0))
+
+
+def _common_parts_differ(last: _Sight, now: _Sight) -> bool:
     """Whether two frames of different formats differ also where both have a picture: the wider
     may show more of one scene."""
-    if last.image.shape != frame.image.shape:
+    if last.small.shape != now.small.shape:
         return True
-    height, width = frame.image.shape[:2]
-    inner = [f.inner or (0, 0, width, height) for f in (last, frame)]
+    height, width = now.small.shape
+    inner = [one.inner or (0, 0, width, height) for one in (last, now)]
     left, top = (max(i[side] for i in inner) for side in (0, 1))
     right, bottom = (min(i[side] + i[side + 2] for i in inner) for side in (0, 1))
     common = left, top, right - left, bottom - top
-    return differ(*align(prepare(last.image, common), prepare(frame.image, common)))
+    return differ(*align(prepare(last.small, common), prepare(now.small, common)))
 
 
-def prepare(image: Image, inner: Inner | None = None) -> Image:
-    """(H, W, 3) BGR -> (SIZE, SIZE) uint8, grey, independent of brightness and contrast.
+def prepare(small: Grey, inner: Inner | None = None) -> Image:
+    """A small picture -> (SIZE, SIZE) uint8, independent of brightness and contrast.
 
     inner: (left, top, width, height) px of the picture within black borders.
     """
     if inner is not None:
         left, top, width, height = inner
-        image = image[top : top + height, left : left + width]
-    height, width = image.shape[:2]
-    step = max(1, min(height, width) // (2 * SIZE))  # averaging every pixel costs too much
-    thinned = cv2.resize(image, (width // step, height // step), interpolation=cv2.INTER_NEAREST)
-    small = cv2.resize(thinned, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
-    grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    centred = grey - cv2.GaussianBlur(grey, (0, 0), NEIGHBOURHOOD)
-    variance = cv2.GaussianBlur(centred * centred, (0, 0), NEIGHBOURHOOD)
+        small = small[top : top + height, left : left + width]
+    twice = cv2.resize(small, (2 * SIZE, 2 * SIZE), interpolation=cv2.INTER_LINEAR)
+    grey = cv2.resize(twice, (SIZE, SIZE), interpolation=cv2.INTER_AREA).astype(np.float32)
+    centred = grey - _blurred(grey)
+    variance = _blurred(centred * centred)
     even = 128 + CONTRAST * centred / np.sqrt(variance + NOISE**2)
     return np.asarray(np.clip(even, 0, 255), dtype=np.uint8)
+
+
+def _blurred(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The mean of every neighbourhood, within two standard deviations of its window."""
+    side = 4 * round(NEIGHBOURHOOD) + 1
+    return np.asarray(cv2.GaussianBlur(picture, (side, side), NEIGHBOURHOOD), np.float32)
 
 
 def align(before: Image, after: Image) -> tuple[Image, Image]:
@@ -120,7 +147,7 @@ def align(before: Image, after: Image) -> tuple[Image, Image]:
 
 
 def _distance(one: Image, other: Image) -> float:
-    return float(np.abs(one.astype(np.int16) - other).mean())
+    return cv2.norm(one, other, cv2.NORM_L1) / one.size
 
 
 def differ(before: Image, after: Image) -> bool:

@@ -13,11 +13,12 @@ from dance2pose.background_motion import CameraMotionEstimator
 from dance2pose.beside import Beside
 from dance2pose.lifting.world.moving_camera import CameraMotion
 from dance2pose.options import Settings
-from dance2pose.people import FramePeople, PoseModels, find_people
-from dance2pose.poses import Frame, Timeline
+from dance2pose.people import PoseModels, find_people
+from dance2pose.poses import FloatArray, Frame, Timeline
 from dance2pose.profiling import stage
 from dance2pose.progress import Progress
 from dance2pose.results import Shot
+from dance2pose.small_picture import Grey
 from dance2pose.tracking.settings import TrackingSettings
 from dance2pose.tracking.tracker import Tracker
 from dance2pose.video import FrameReader
@@ -61,7 +62,9 @@ def track_people(
                 starts.append(len(seen))
             seen.append(frame.index)
             times.append(frame.time_s)
-            beside.call(partial(_follow_camera, camera, people))
+            # The picture itself is not held until the camera's turn comes.
+            seen_by = frame.index, frame.time_s, frame.small, people.boxes.xyxy
+            beside.call(partial(_follow_camera, camera, *seen_by, cut=people.cut))
             with stage("tracking"):
                 tracker.update(
                     frame.index,
@@ -89,6 +92,14 @@ def track_people(
     )
 
 
-def _follow_camera(camera: CameraMotionEstimator, people: FramePeople) -> None:
+def _follow_camera(
+    camera: CameraMotionEstimator,
+    index: int,
+    time_s: float,
+    picture: Grey,
+    boxes: FloatArray,
+    *,
+    cut: bool,
+) -> None:
     with stage("camera motion"):
-        camera.update(people.frame, people.boxes.xyxy, cut=people.cut)
+        camera.update(index, time_s, picture, boxes, cut=cut)
