@@ -176,20 +176,16 @@ def _doubtful(
     boxes: Boxes, poses: Poses2D, image: Image, least: Float64Array
 ) -> npt.NDArray[np.bool_]:
     """(N,) whether a pose looks as if its box missed the person, or caught another's."""
-    sizes = box_sizes(boxes.xyxy)
-    alike = keypoint_similarities(poses.xy, poses.xy, sizes, sigma=SAME_PICTURE_SIGMA)
-    same_as_another = np.nan_to_num(alike) - np.eye(len(boxes)) >= SAME_POSE
     beyond = [
         _beyond(box, keypoint_box(xy, confidence), image)
         for box, xy, confidence in zip(boxes.xyxy, poses.xy, poses.confidence, strict=True)
     ]
-    doubts = [
-        _mean_confidence(poses) < least,
-        same_as_another.any(axis=1),
-        np.array(beyond) > OUTSIDE,
-    ]
-    doubtful: npt.NDArray[np.bool_] = np.logical_or.reduce(doubts)
-    return doubtful
+    doubtful = (_mean_confidence(poses) < least) | (np.array(beyond) > OUTSIDE)
+    if len(boxes) > 1:
+        sizes = box_sizes(boxes.xyxy)
+        alike = keypoint_similarities(poses.xy, poses.xy, sizes, sigma=SAME_PICTURE_SIGMA)
+        doubtful |= (np.nan_to_num(alike) - np.eye(len(boxes)) >= SAME_POSE).any(axis=1)
+    return np.asarray(doubtful, np.bool_)
 
 
 def _beyond(box: FloatArray, around: Float64Array | None, image: Image) -> float:
@@ -200,8 +196,10 @@ def _beyond(box: FloatArray, around: Float64Array | None, image: Image) -> float
     if around is None:
         return np.inf
     around = within(around, image)
-    out = max(np.max(box[:2] - around[:2]), np.max(around[2:] - box[2:]))
-    return float(out / max(np.max(box[2:] - box[:2]), 1.0))
+    x0, y0, x1, y1 = box.tolist()
+    left, top, right, bottom = around.tolist()
+    out = max(x0 - left, y0 - top, right - x1, bottom - y1)
+    return float(out / max(x1 - x0, y1 - y0, 1.0))
 
 
 def _already(boxes: Boxes, poses: Poses2D, known: Poses2D) -> npt.NDArray[np.bool_]:

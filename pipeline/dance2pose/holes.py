@@ -21,9 +21,10 @@ def usual_step(clock: npt.ArrayLike) -> float:
 
     clock: (T,) seconds or frame numbers that do not run backwards.
     """
-    steps = np.diff(np.asarray(clock, dtype=np.float64))
     # By hand, as it is asked for in every frame: NumPy's median and percentile take ten times as
     # long for a few steps.
+    times = np.asarray(clock, dtype=np.float64)
+    steps = times[1:] - times[:-1]
     ordered = np.sort(steps[steps > 0])
     count = len(ordered)
     if not count:

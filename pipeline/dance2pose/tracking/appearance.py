@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil, floor
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +35,12 @@ def torso_histogram(image: Image, xy: FloatArray, torso: list[int]) -> Histogram
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 3:
         return None
-    low, high = points.min(axis=0), points.max(axis=0)
     height, width = image.shape[:2]
-    left, top = np.clip(np.floor(low), 0, (width, height)).astype(int)
-    right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int)
+    left, top = (max(0, floor(low)) for low in points.min(axis=0).tolist())
+    right, bottom = (
+        min(end, ceil(high))
+        for end, high in zip((width, height), points.max(axis=0).tolist(), strict=True)
+    )
     if right - left < _SMALLEST_SIDE or bottom - top < _SMALLEST_SIDE:
         return None
     # Some hundred pixels tell the colours as well as all of them.

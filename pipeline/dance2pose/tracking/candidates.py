@@ -130,10 +130,12 @@ def agreement(
     ]
     colours = _colour_cue(candidate.colours, detections, free)
     cues.append((_COLOURS, colours))
-    weights = np.array([weight for weight, _ in cues])[:, np.newaxis]
-    values = np.array([value for _, value in cues])
-    known = np.isfinite(values)
-    total = np.where(known, weights * values, 0).sum(axis=0) / (weights * known).sum(axis=0)
+    total, weights = np.zeros(len(free)), np.zeros(len(free))
+    for weight, value in cues:
+        known = np.isfinite(value)
+        np.add(total, weight * value, out=total, where=known)
+        np.add(weights, weight, out=weights, where=known)
+    total /= weights
     change = np.abs(np.log(box_sizes(xyxy) / motion.size))
     possible = (away <= _FURTHEST) & (change <= np.log(_LARGEST_CHANGE))
     if lost:

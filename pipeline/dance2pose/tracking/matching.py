@@ -67,7 +67,8 @@ class BoxMotion:
         """Distance of the centres of boxes (N, 4) from here, in standard deviations (N,)."""
         centres = (xyxy[:, :2] + xyxy[:, 2:]) / 2
         variance = self.covariance[0, 0] + (_BOX_NOISE * self.size) ** 2
-        away: Float64Array = np.linalg.norm(centres - self.state[0], axis=1) / np.sqrt(variance)
+        x, y = (centres - self.state[0]).T
+        away: Float64Array = np.hypot(x, y) / np.sqrt(variance)
         return away
 
 
@@ -82,11 +83,16 @@ def box_overlaps(first: FloatArray, second: FloatArray) -> Float64Array:
     """Intersection over union of boxes (M, 4) and (N, 4): (M, N) in 0..1."""
     low = np.maximum(first[:, None, :2], second[None, :, :2])
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    shared = np.prod(np.maximum(high - low, 0), axis=2)
-    areas = [np.prod(np.maximum(b[:, 2:] - b[:, :2], 0), axis=1) for b in (first, second)]
+    shared = _areas(low, high)
+    areas = [_areas(boxes[:, :2], boxes[:, 2:]) for boxes in (first, second)]
     union = areas[0][:, None] + areas[1][None, :] - shared
     overlap: Float64Array = shared / np.maximum(union, 1e-9)
     return overlap
+
+
+def _areas(low: FloatArray, high: FloatArray) -> FloatArray:
+    sides = np.maximum(high - low, 0)
+    return np.asarray(sides[..., 0] * sides[..., 1])
 
 
 def keypoint_similarities(
@@ -97,12 +103,12 @@ def keypoint_similarities(
     first: (M, J, 2); second: (N, J, 2); NaN where missing. sizes: (M,) px, scale of the first
     poses. Returns (M, N) in 0..1, NaN where no keypoint is shared.
     """
-    away = np.square(first[:, None] - second[None]).sum(axis=3)
-    scale = 2 * np.square(sigma * sizes)[:, None, None]
-    alike = np.exp(-away / scale)
+    apart = np.square(first[:, None] - second[None])
+    away = apart[..., 0] + apart[..., 1]
+    alike = np.exp(away / (-2 * np.square(sigma * sizes)[:, None, None]))
     shared = np.isfinite(alike)
     count = shared.sum(axis=2)
-    total = np.where(shared, alike, 0).sum(axis=2)
+    total = alike.sum(axis=2, where=shared)
     similarity: Float64Array = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return similarity
 

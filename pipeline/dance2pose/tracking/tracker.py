@@ -134,22 +134,25 @@ class Tracker:
 
     def _detections(self, boxes: Boxes, poses: Poses2D, image: Image | None) -> Detections:
         """Those who show enough keypoints, each person once."""
-        confidence = np.nan_to_num(poses.confidence.astype(np.float64))
+        confidence = poses.confidence.astype(np.float64)
         xy = poses.xy.astype(np.float64)
-        missing = ~np.isfinite(xy).all(axis=2) | (confidence < self.settings.min_confidence)
+        unsure = ~(confidence >= self.settings.min_confidence)  # or not a number
+        missing = unsure | ~np.isfinite(xy).all(axis=2)
         xy[missing], confidence[missing] = np.nan, 0
         xyxy = boxes.xyxy.astype(np.float64)
         keep = np.isfinite(xyxy).all(axis=1)
         body = (~missing)[:, self._body].sum(axis=1)
         keep &= body >= min(self.settings.min_keypoints, len(self._body))
-        strength = boxes.confidence * confidence[:, self._body].mean(axis=1)
         xy, xyxy, confidence = xy[keep], xyxy[keep], confidence[keep]
-        once = ~duplicates(
-            xy[:, self._body], xyxy, strength[keep], threshold=self.settings.same_person
-        )
-        xy, xyxy, confidence = xy[once], xyxy[once], confidence[once]
-        overlap = box_overlaps(xyxy, xyxy) - np.eye(len(xyxy))
-        alone = np.max(overlap, axis=1, initial=0) < _OVERLAP
+        alone = np.ones(len(xy), np.bool_)
+        if len(xy) > 1:
+            strength = boxes.confidence[keep] * confidence[:, self._body].mean(axis=1)
+            once = ~duplicates(
+                xy[:, self._body], xyxy, strength, threshold=self.settings.same_person
+            )
+            xy, xyxy, confidence = xy[once], xyxy[once], confidence[once]
+            overlap = box_overlaps(xyxy, xyxy) - np.eye(len(xyxy))
+            alone = np.max(overlap, axis=1, initial=0) < _OVERLAP
         colours = [
             None if image is None else torso_histogram(image, xy[i], self._torso)
             for i in range(len(xyxy))
@@ -164,12 +167,12 @@ class Tracker:
             return free
         agreed = np.array([self._agreement(c, detections, free) for c in candidates])
         pairs = zip(*linear_sum_assignment(-agreed), strict=True)
-        taken = []
+        is_free = np.ones(len(free), np.bool_)
         for row, column in pairs:
             if agreed[row, column] >= LEAST_AGREEMENT:
                 self._see(candidates[row], detections, int(free[column]))
-                taken.append(column)
-        return np.delete(free, taken)
+                is_free[column] = False
+        return free[is_free]
 
     def _agreement(
         self, candidate: Candidate, detections: Detections, free: npt.NDArray[np.int64]
@@ -224,6 +227,8 @@ class Tracker:
 
     def _is_over(self, candidate: Candidate) -> bool:
         unseen_s = self._unseen_s(candidate)
+        if not unseen_s:
+            return False
         if not self._is_confirmed(candidate):
             return unseen_s > _TENTATIVE_PATIENCE_S
         if candidate.colours is None or self._at_border(candidate.sights.last_box):
@@ -236,6 +241,8 @@ class Tracker:
         return bool((xyxy[:2] <= margin).any() or (xyxy[2:] >= size - margin).any())
 
     def _end(self, candidates: list[Candidate]) -> None:
+        if not candidates:
+            return
         over = {id(candidate) for candidate in candidates}
         self._ended += [c for c in self._followed if id(c) in over and self._may_count(c)]
         self._followed = [c for c in self._followed if id(c) not in over]
