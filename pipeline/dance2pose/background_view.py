@@ -167,8 +167,9 @@ class BackgroundView:
             criteria=_FLOW_ENOUGH,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
-        inside = _values(scene.background, np.asarray(at[:, 0], np.float64)) > 0
-        rows = np.flatnonzero((found[:, 0] > 0) & inside)
+        rows = np.flatnonzero(
+            (found[:, 0] > 0) & _shown(scene.background, np.asarray(at[:, 0], np.float64))
+        )
         if len(rows) < _FEWEST:
             return None
         directions, seen = key.directions[rows], np.asarray(at[rows, 0], np.float64)
@@ -316,9 +317,11 @@ def between(one: View, other: View, share: float) -> View:
     return View(one.rotation @ rotation_by(turn), zoom)
 
 
-def _values(mask: Grey, at: FloatArray) -> Grey:
-    """The mask at points (N, 2); 0 outside of it."""
+def _shown(mask: Grey, at: FloatArray) -> BoolArray:
+    """(N,) whether points (N, 2) px lie where the mask is not 0; not outside of it."""
     height, width = mask.shape
-    column, row = np.rint(np.nan_to_num(at, nan=-1.0).clip(-1, 1e6)).astype(int).T
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    return np.where(inside, mask[row.clip(0, height - 1), column.clip(0, width - 1)], 0)
+    inside = (at > -0.5) & (at < (width - 0.5, height - 0.5))  # and are numbers
+    shown: BoolArray = inside[:, 0] & inside[:, 1]
+    column, row = np.rint(at[shown]).astype(int).T
+    shown[shown] = mask[row, column] > 0
+    return shown

@@ -9,7 +9,7 @@ z towards the viewer (right-handed).
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -92,12 +92,14 @@ class Frame:
     image: (H, W, 3) uint8 BGR, upright, square pixels, progressive.
     inner: (left, top, width, height) px of the picture in the image where it has black borders,
     because the recording changed its format; None where it fills it.
+    decoded_small: (h, w) uint8, the small grey picture where the decoder gave it; see `small`.
     """
 
     index: int
     time_s: float
     image: Image
     inner: Inner | None = None
+    decoded_small: Image | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         require_shape("image", self.image, (None, None, 3))
@@ -107,6 +109,8 @@ class Frame:
     @cached_property
     def small(self) -> Image:
         """The picture small and grey (h, w), made once; see `small_picture`."""
+        if self.decoded_small is not None:
+            return self.decoded_small
         from dance2pose.small_picture import small_grey
 
         return small_grey(self.image)

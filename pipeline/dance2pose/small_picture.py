@@ -19,19 +19,22 @@ def small_size(width: int, height: int) -> tuple[int, int]:
 
 
 def small_grey(image: npt.NDArray[np.uint8]) -> Grey:
-    """(H, W, 3) BGR -> (h, w) grey, its longer side `SIZE`.
-
-    Averages four pixels or more for each; averaging all of a large picture takes ten times as long.
-    """
+    """(H, W, 3) BGR -> (h, w) grey, its longer side `SIZE`."""
     height, width = image.shape[:2]
-    size = small_size(width, height)
     step = max(1, max(width, height) // (2 * SIZE))
-    if step > 1:
+    if step > 1:  # colours of every pixel take long
         thinned = (width // step, height // step)
         image = np.asarray(cv2.resize(image, thinned, interpolation=cv2.INTER_NEAREST), np.uint8)
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    if max(grey.shape) > 2 * SIZE:
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    return shrunk(grey, small_size(width, height))
+
+
+def shrunk(grey: Grey, size: tuple[int, int]) -> Grey:
+    """(H, W) grey at another (width, height); each pixel is the mean of 4 or of 16.
+
+    The mean of all under it would take ten times as long.
+    """
+    if max(grey.shape) > 2 * max(size):
         twice = (2 * size[0], 2 * size[1])
-        grey = cv2.resize(grey, twice, interpolation=cv2.INTER_LINEAR)
-    # By two or less: each pixel is the mean of four.
+        grey = np.asarray(cv2.resize(grey, twice, interpolation=cv2.INTER_LINEAR), np.uint8)
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR), np.uint8)

@@ -59,7 +59,8 @@ class Clock:
             self.without_time += not self.by_decoding  # the last few of an AVI come without
             time_s = 0.0 if self.last_s is None else self.last_s + self.period_s
         else:
-            seconds = float((pts - self._start) * self._time_base)
+            base = self._time_base  # Fractions take a hundred times as long, for the same number
+            seconds = (pts - self._start) * base.numerator / base.denominator
             time_s = self._in_order(seconds + self._offset_s)
         if self.last_s is not None:
             self._note_step(time_s - self.last_s)

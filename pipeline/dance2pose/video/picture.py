@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,10 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 from av.sidedata.sidedata import SideDataContainer
+from av.video.format import VideoFormat
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 from dance2pose.poses import Image, Inner
+from dance2pose.small_picture import shrunk, small_size
 
 # Beyond these a sample aspect ratio is a damaged header, not a tape.
 MIN_ASPECT, MAX_ASPECT = Fraction(1, 4), Fraction(4)
@@ -91,7 +94,9 @@ def orientation(picture: VideoFrame) -> Orientation:
 
 def square_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
     """The size in square pixels: the picture is widened or heightened, never made smaller."""
-    if aspect >= 1:
+    if aspect == 1:
+        return width, height
+    if aspect > 1:
         return round(width * aspect), height
     return width, round(height / aspect)
 
@@ -153,6 +158,19 @@ class PictureMaker:
         )
         return image, (left, top, width, height)
 
+    def small(self, picture: VideoFrame, turned: Orientation, aspect: Fraction) -> Image | None:
+        """(h, w) uint8, the small grey picture (see `small_picture`) of an image without borders,
+        from the stored brightness: no colours are needed for it. None where that is not to be had.
+        """
+        upright = turned.size(*square_size(picture.width, picture.height, aspect))
+        luma = _luma(picture) if upright == self.size else None
+        if luma is None:
+            return None
+        small = shrunk(luma, turned.size(*small_size(*upright)))
+        if not full_range(picture):
+            small = np.asarray(cv2.convertScaleAbs(small, alpha=255 / 219, beta=-16 * 255 / 219))
+        return turned.apply(small)
+
     def _bgr(self, picture: VideoFrame, size: tuple[int, int]) -> Image:
         scaled = size != (picture.width, picture.height)
         in_yuv = not picture.format.is_rgb
@@ -171,3 +189,18 @@ class PictureMaker:
         )
         array: Any = made.to_ndarray()
         return np.asarray(array, dtype=np.uint8)
+
+
+def _luma(picture: VideoFrame) -> Image | None:
+    """(H, W) uint8, the plane of brightness, not copied; None where it is no plane of bytes."""
+    plane = picture.planes[0]
+    if not _has_luma_plane(picture.format.name) or plane.line_size < picture.width:
+        return None
+    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)  # type: ignore[call-overload]
+    return np.asarray(rows[: picture.height, : picture.width])
+
+
+@functools.cache
+def _has_luma_plane(pixel_format: str) -> bool:
+    first, *others = VideoFormat(pixel_format).components
+    return first.is_luma and first.bits == 8 and all(other.plane for other in others)

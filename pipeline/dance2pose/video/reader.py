@@ -169,8 +169,10 @@ class FrameReader:
                 if timed.time_s < self._start_s:
                     continue
                 if wanted % self._every == 0:
-                    image, inner = self._maker.image(timed.picture, timed.orientation, timed.aspect)
-                    yield Frame(timed.index, timed.time_s, image, inner)
+                    shown = timed.picture, timed.orientation, timed.aspect
+                    image, inner = self._maker.image(*shown)
+                    small = self._maker.small(*shown)
+                    yield Frame(timed.index, timed.time_s, image, inner, small)
                 wanted += 1
         except av.error.FFmpegError as error:
             raise VideoError(
