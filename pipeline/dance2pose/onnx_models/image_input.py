@@ -19,6 +19,9 @@ from dance2pose.poses import FloatArray, Image
 
 Affine = npt.NDArray[np.float64]
 
+# Pictures no larger than this are converted to four channels: those of video tape are.
+_MOST_CONVERTED_PX = 720 * 576
+
 
 class ImageInput:
     """Prepares pictures for one model. dtype: of the model's image input.
@@ -54,12 +57,24 @@ class ImageInput:
         size = (self.manifest.input_width, self.manifest.input_height)
         affines = crop_affines(boxes_xyxy, size, self.manifest.box_scale)
         tensor = self._tensor(batch or len(boxes_xyxy))
+        image = self._four_channels(image)
         for slot, affine in zip(tensor, affines, strict=False):
             picture = cv2.warpAffine(
                 image, affine, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             )
             self._fill(slot, np.asarray(picture, np.uint8))
         return tensor, affines
+
+    def _four_channels(self, image: Image) -> Image:
+        """The picture as BGRA, which OpenCV warps in a third of the time of three channels, to the
+        same values. A large one is left as it is: to convert it takes longer than that saves."""
+        height, width = image.shape[:2]
+        if height * width > _MOST_CONVERTED_PX:
+            return image
+        buffer: Image | None = getattr(self._of_thread, "bgra", None)
+        if buffer is None or buffer.shape[:2] != (height, width):
+            buffer = self._of_thread.bgra = np.empty((height, width, 4), np.uint8)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2BGRA, dst=buffer), np.uint8)
 
     def _tensor(self, count: int) -> npt.NDArray[Any]:
         buffer: npt.NDArray[Any] | None = getattr(self._of_thread, "buffer", None)
@@ -73,8 +88,8 @@ class ImageInput:
         return np.zeros((count, *shape), self.dtype)
 
     def _fill(self, slot: npt.NDArray[Any], picture: Image) -> None:
-        """Write a BGR picture of the network's size into one slot of a tensor, normalised."""
-        planes = cv2.split(picture)
+        """Write a BGR(A) picture of the network's size into one slot of a tensor, normalised."""
+        planes = cv2.split(picture)[:3]
         if self.manifest.colour_order == "RGB":
             planes = planes[::-1]
         for channel, plane in enumerate(planes):
