@@ -148,6 +148,8 @@ def test_wherever_the_timestamps_begin_the_file_is_whole(
     start_ms: int, sound: bool, count: int, name: str
 ) -> None:
     start_ms = min(start_ms, 3000) if sound else start_ms
+    # FFmpeg, ffprobe too, takes a transport stream of nine or ten packets for no video at all.
+    count = max(count, 4) if name == "a.ts" else count
     with TemporaryDirectory() as folder:
         path = make_tracks(
             Path(folder) / name,

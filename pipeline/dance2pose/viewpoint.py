@@ -78,10 +78,8 @@ class Viewpoint:
         """The same camera turned so that places (T, 3) are seen where others were seen before."""
         known = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
         rotation = self.rotation.copy()
-        for row in np.flatnonzero(known):
-            rotation[row] = (
-                _between(before[row] - self.position, after[row] - self.position) @ (rotation[row])
-            )
+        turn = _between((before - self.position)[known], (after - self.position)[known])
+        rotation[known] = turn @ rotation[known]
         return replace(self, rotation=rotation)
 
     def moved(self, turn: FloatArray, shift: FloatArray) -> Viewpoint:
@@ -90,8 +88,11 @@ class Viewpoint:
 
 
 def _between(one: FloatArray, other: FloatArray) -> FloatArray:
-    """The smallest rotation (3, 3) that turns one direction (3,) into another."""
-    a, b = one / np.linalg.norm(one), other / np.linalg.norm(other)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    """The smallest rotations (N, 3, 3) that turn directions (N, 3) into others."""
+    a = one / np.linalg.norm(one, axis=1, keepdims=True)
+    b = other / np.linalg.norm(other, axis=1, keepdims=True)
+    x, y, z = np.cross(a, b).T
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    cosine = (a * b).sum(axis=1)[:, None, None]
     return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
