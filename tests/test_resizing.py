@@ -14,7 +14,7 @@ from onnx import helper
 
 from dance2pose.onnx_models.inference import open_session
 from dance2pose.onnx_models.providers import CPU
-from dance2pose.onnx_models.resizing import CHANGE, with_products
+from dance2pose.onnx_models.resizing import CHANGE, MOST_NODES, with_products
 from onnx_graphs import save, tensor
 
 CHANNELS, HEIGHT, WIDTH = 5, 7, 11
@@ -114,6 +114,20 @@ def test_where_the_changed_graph_does_not_load_the_file_is_run(tmp_path: Path) -
     image = np.random.default_rng(2).uniform(-1, 1, (1, CHANNELS, HEIGHT, WIDTH))
     (found,) = session.run({"image": image.astype(np.float32)}, ["out"])
     assert found.shape == (1, CHANNELS, HEIGHT, 88)
+
+
+def test_a_graph_of_nothing_but_resizing_does_not_take_long_to_load(tmp_path: Path) -> None:
+    path = resizing(tmp_path / "m.onnx", sizes=[1, CHANNELS, HEIGHT, 88])
+    model = onnx.load(path)
+    resize = model.graph.node[1]
+    for number in range(MOST_NODES):
+        more = onnx.NodeProto()
+        more.CopyFrom(resize)
+        more.output[0] = f"more_{number}"
+        model.graph.node.append(more)
+    onnx.save(model, path)
+    assert with_products(path) is None
+    assert open_session(path).runs_with == CPU
 
 
 @pytest.mark.parametrize("content", [b"", b"cubic", b"\x08\x08cubic" * 99])

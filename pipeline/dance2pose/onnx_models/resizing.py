@@ -30,6 +30,8 @@ CHANGE = "cubic resizing as matrix products"
 MOST_BYTES = 256 * 1024**2
 MOST_VALUES = 2**20
 _MOST_AXES = 8
+# Each is run by itself when a model is loaded; a graph of more is left as it is.
+MOST_NODES = 32
 # Rounding of float32, for values about 1.
 _SAME = 1e-5
 
@@ -63,6 +65,9 @@ def _replace(model: Any) -> bool:
     from onnx import helper, numpy_helper, shape_inference
 
     graph = model.graph
+    cubic = [(at, node) for at, node in enumerate(graph.node) if _is_cubic(node)]
+    if len(cubic) > MOST_NODES:
+        return False
     inferred = shape_inference.infer_shapes(model).graph
     described = [*inferred.input, *inferred.value_info, *inferred.output]
     shapes = {value.name: _shape(value) for value in described}
@@ -72,9 +77,7 @@ def _replace(model: Any) -> bool:
         if len(tensor.dims) == 1 and tensor.dims[0] <= _MOST_AXES
     }
     changed = False
-    for at, node in reversed(list(enumerate(graph.node))):
-        if node.op_type != "Resize":
-            continue
+    for at, node in reversed(cubic):
         resize = _Resize.of(model, node, shapes.get(node.input[0], ()), constants)
         if resize is None or not resize.agrees():
             continue
@@ -87,6 +90,11 @@ def _replace(model: Any) -> bool:
         graph.node.insert(at, inner)
         changed = True
     return changed
+
+
+def _is_cubic(node: Any) -> bool:
+    modes = [attribute.s for attribute in node.attribute if attribute.name == "mode"]
+    return node.op_type == "Resize" and modes == [b"cubic"]
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -112,7 +120,7 @@ class _Resize:
     ) -> _Resize | None:
         """The Resize of a node, None if it is another kind or its result would be too large."""
         given = {a.name: (a.s or a.ints or a.f or a.i) for a in node.attribute}
-        is_known = len(shape) == 4 and all(shape[2:]) and given.get("mode") == b"cubic"
+        is_known = len(shape) == 4 and all(shape[2:])
         region = constants.get(node.input[1])
         has_region = bool(node.input[1]) and (region is None or region.size > 0)
         if not is_known or "axes" in given or has_region:
