@@ -158,6 +158,12 @@ def test_keypoints_without_confidence_are_not_believed() -> None:
         ({"skeleton": "halpe26"}, {}, DataError, "17 keypoints, halpe26 has 26"),
         ({"confidence": np.full((7, 17), np.nan)}, {}, DataError, "not a number"),
         ({"xy": np.full((7, 17, 2), np.inf)}, {}, DataError, "infinite"),
+        (
+            {"timeline": Timeline(np.arange(7), np.arange(7) * 4e-8)},
+            {},
+            DataError,
+            "frames are 4e-08 s apart, expected times in seconds",
+        ),
     ],
 )
 def test_faults_are_one_clear_error(
@@ -169,6 +175,16 @@ def test_faults_are_one_clear_error(
     track = replace(track_of(image_of(posed("cmu17")), "cmu17"), **change)  # type: ignore[arg-type]
     with pytest.raises(error, match=message):
         lifting.lift(track, **{"lifter": "paper", **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("least_s", [1e-3, 1e-5, 1e-8])
+def test_two_frames_at_nearly_one_time_are_lifted(least_s: float) -> None:
+    times = np.arange(7) / 25
+    times[4] = times[3] + least_s
+    track = replace(
+        track_of(image_of(posed("cmu17")), "cmu17"), timeline=Timeline(np.arange(7), times)
+    )
+    assert np.isfinite(lifting.lift(track).xyz).all()
 
 
 def test_a_track_without_frames_is_refused() -> None:

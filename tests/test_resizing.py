@@ -102,6 +102,37 @@ def test_what_is_no_such_product_stays_as_it_is(tmp_path: Path, kept: dict[str, 
     assert with_products(resizing(tmp_path / "m.onnx", **kept)) is None
 
 
+def test_shapes_that_a_file_states_of_an_earlier_graph_are_not_believed(tmp_path: Path) -> None:
+    path = resizing(tmp_path / "m.onnx", scales=[1.0, 1.0, 2.0, 3.0], shape=("n", "c", "h", "w"))
+    model = onnx.load(path)
+    stale = helper.make_tensor_value_info("bright", 1, (1, CHANNELS, HEIGHT, WIDTH))
+    model.graph.value_info.append(stale)
+    onnx.save(model, path)
+    assert with_products(path) is None
+    image = np.ones((1, CHANNELS, HEIGHT + 2, WIDTH + 2), np.float32)
+    (found,) = open_session(path).run({"image": image}, ["out"])
+    assert found.shape == (1, CHANNELS, 2 * (HEIGHT + 2), 3 * (WIDTH + 2))
+
+
+def test_a_graph_with_numbers_in_another_file_or_graphs_within_is_left_alone(
+    tmp_path: Path,
+) -> None:
+    path = resizing(tmp_path / "m.onnx", sizes=[1, CHANNELS, HEIGHT, 88])
+    outside = onnx.TensorProto(name="much", data_type=1, dims=[2], data_location=1)
+    for key, value in (("location", "much.bin"), ("offset", "0"), ("length", "8")):
+        entry = outside.external_data.add()
+        entry.key, entry.value = key, value
+    within = helper.make_graph([], "branch", [], [tensor("much", np.float32, (2,))], [outside])
+    for node in (
+        helper.make_node("Constant", [], ["much"], value=outside),
+        helper.make_node("If", ["flag"], ["much"], then_branch=within, else_branch=within),
+    ):
+        model = onnx.load(path)
+        model.graph.node.append(node)
+        (tmp_path / "more.onnx").write_bytes(model.SerializeToString())
+        assert with_products(tmp_path / "more.onnx") is None
+
+
 def test_where_the_changed_graph_does_not_load_the_file_is_run(tmp_path: Path) -> None:
     path = resizing(tmp_path / "m.onnx", sizes=[1, CHANNELS, HEIGHT, 88])
     model = onnx.load(path)

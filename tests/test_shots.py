@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dance2pose.poses import Frame, Image
+from dance2pose.poses import Frame, Image, Inner
 from dance2pose.shots import ShotDetector
 from dance2pose.video import open_video
 from video_making import make_video, scene, with_dancer
@@ -85,6 +85,26 @@ def test_a_camera_that_follows_is_no_cut() -> None:
 def test_sizes_of_any_kind() -> None:
     for width, height in ((1, 1), (3, 500), (64, 64), (1000, 7)):
         assert cuts([np.full((height, width, 3), value, np.uint8) for value in (0, 200)]) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "inners"),
+    [
+        ((1920, 8), (None, (0, 1, 1920, 6))),
+        ((1280, 720), ((0, 356, 1280, 8), (0, 355, 1280, 9))),
+        ((1920, 1080), ((953, 0, 14, 1080), (952, 0, 15, 1080))),
+    ],
+)
+def test_pictures_that_are_nearly_all_border_are_compared(
+    size: tuple[int, int], inners: tuple[Inner | None, Inner | None]
+) -> None:
+    detector = ShotDetector()
+    for number, inner in enumerate(inners):
+        image = np.zeros((size[1], size[0], 3), np.uint8)
+        left, top, width, height = inner or (0, 0, *size)
+        noise = np.random.default_rng(number).integers(0, 256, (height, width, 3))
+        image[top : top + height, left : left + width] = noise
+        assert isinstance(detector.is_cut(Frame(number, number / 25, image, inner)), bool)
 
 
 @pytest.mark.shared

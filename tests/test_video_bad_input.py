@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import struct
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from dance2pose.errors import VideoError
 from dance2pose.video import open_video, source
-from video_making import make_sound, numbered_video
+from video_making import make_sound, make_video, numbered_video, scene
 
 
 def refused(path: Path, *parts: str) -> None:
@@ -124,3 +127,25 @@ def test_a_header_that_lies_about_the_size(tmp_path: Path) -> None:
     data[header : header + 8] = (60000).to_bytes(4, "little") * 2
     (tmp_path / "a.avi").write_bytes(data)
     refused(tmp_path / "a.avi", "px")
+
+
+def test_pictures_that_carry_exif_are_read(tmp_path: Path) -> None:
+    plain = make_video(
+        tmp_path / "plain.avi", [scene(1)] * 5, codec="mjpeg", pixel_format="yuvj420p"
+    )
+    # Orientation 1, as still cameras write it into each picture of a film.
+    tag = struct.pack("<HHII", 0x0112, 3, 1, 1)
+    exif = b"Exif\0\0II*\0\x08\0\0\0" + struct.pack("<H", 1) + tag + bytes(4)
+    segment = b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif
+    path = tmp_path / "exif.avi"
+    with av.open(str(plain)) as source, av.open(str(path), "w") as copy:
+        stream = copy.add_stream_from_template(source.streams.video[0])
+        for number, packet in enumerate(p for p in source.demux(video=0) if p.size):
+            data = bytes(packet)
+            tagged = av.Packet(data[:2] + segment + data[2:])
+            tagged.pts = tagged.dts = number
+            tagged.time_base, tagged.stream, tagged.is_keyframe = Fraction(1, 25), stream, True
+            copy.mux(tagged)
+    with open_video(path) as video, open_video(plain) as other:
+        for frame, expected in zip(video, other, strict=True):
+            np.testing.assert_array_equal(frame.image, expected.image)

@@ -88,7 +88,9 @@ def _shrunk(frame: Frame) -> Inner:
     left, top, width, height = frame.inner
     scale = np.array(frame.small.shape) / frame.image.shape[:2]
     (y0, y1), (x0, x1) = np.array([[top, top + height], [left, left + width]]) * scale[:, None]
-    return ceil(x0), ceil(y0), max(1, int(x1) - ceil(x0)), max(1, int(y1) - ceil(y0))
+    height, width = frame.small.shape
+    x, y = min(ceil(x0), width - 1), min(ceil(y0), height - 1)
+    return x, y, max(1, int(x1) - x), max(1, int(y1) - y)
 
 
 def _common_parts_differ(last: _Sight, now: _Sight) -> bool:
@@ -100,6 +102,8 @@ def _common_parts_differ(last: _Sight, now: _Sight) -> bool:
     inner = [one.inner or (0, 0, width, height) for one in (last, now)]
     left, top = (max(i[side] for i in inner) for side in (0, 1))
     right, bottom = (min(i[side] + i[side + 2] for i in inner) for side in (0, 1))
+    if right <= left or bottom <= top:
+        return True
     common = left, top, right - left, bottom - top
     return differ(*align(prepare(last.small, common), prepare(now.small, common)))
 

@@ -23,7 +23,7 @@ def small_grey(image: npt.NDArray[np.uint8]) -> Grey:
     height, width = image.shape[:2]
     step = max(1, max(width, height) // (2 * SIZE))
     if step > 1:  # colours of every pixel take long
-        thinned = (width // step, height // step)
+        thinned = (max(1, width // step), max(1, height // step))
         image = np.asarray(cv2.resize(image, thinned, interpolation=cv2.INTER_NEAREST), np.uint8)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     return shrunk(grey, small_size(width, height))

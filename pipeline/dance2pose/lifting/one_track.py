@@ -21,6 +21,9 @@ from dance2pose.options import LiftOptions
 from dance2pose.poses import BoolArray, FloatArray, Track2D, Track3D, Unit
 from dance2pose.viewpoint import Viewpoint
 
+# Ten thousand frames a second: times that are closer are in another unit.
+SHORTEST_STEP_S = 1e-4
+
 
 def lift_track(
     track: Track2D,
@@ -68,6 +71,12 @@ def observe(
         raise DataError(
             f"track of person {track.person}: infinite keypoints, or a confidence that is not a "
             "number; a keypoint that is missing is NaN with confidence 0"
+        )
+    step_s = float(np.median(np.diff(track.time_s))) if len(track) > 1 else np.inf
+    if step_s < SHORTEST_STEP_S and not independent:
+        raise DataError(
+            f"track of person {track.person}: its frames are {step_s:.2g} s apart, expected times "
+            f"in seconds, {SHORTEST_STEP_S:g} apart at least"
         )
     target = skeletons.lifting_skeleton(source.name)
     own = "cmu17" if target.name == "paper15" else target.name

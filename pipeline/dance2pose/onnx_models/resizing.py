@@ -46,8 +46,8 @@ def with_products(path: Path) -> bytes | None:
         return None
     try:
         model = onnx.load(str(path), load_external_data=False)
-        if any(tensor.external_data for tensor in model.graph.initializer):
-            return None  # read from beside the file, which bytes are not
+        if not _is_plain(model):
+            return None
         return bytes(model.SerializeToString()) if _replace(model) else None
     except Exception:  # onnx raises whatever it meets; what is wrong, loading the model will tell
         return None
@@ -60,6 +60,20 @@ def _mentions_cubic(path: Path) -> bool:
         return content.find(b"cubic") >= 0
 
 
+def _is_plain(model: Any) -> bool:
+    """Whether it has no graphs within its graph, and no numbers in files beside its own: these
+    are looked for from where the file is, which bytes are not."""
+    graph = model.graph
+    attributes = [attribute for node in graph.node for attribute in node.attribute]
+    if model.functions or graph.sparse_initializer:
+        return False
+    if any(attribute.HasField("g") or attribute.graphs for attribute in attributes):
+        return False
+    tensors = [*graph.initializer, *(attribute.t for attribute in attributes)]
+    tensors += [tensor for attribute in attributes for tensor in attribute.tensors]
+    return not any(tensor.external_data for tensor in tensors)
+
+
 def _replace(model: Any) -> bool:
     """Put products in the place of cubic resizing; whether there was any."""
     from onnx import helper, numpy_helper, shape_inference
@@ -68,8 +82,9 @@ def _replace(model: Any) -> bool:
     cubic = [(at, node) for at, node in enumerate(graph.node) if _is_cubic(node)]
     if len(cubic) > MOST_NODES:
         return False
+    del graph.value_info[:]  # what the file says of shapes may be of an earlier form of its graph
     inferred = shape_inference.infer_shapes(model).graph
-    described = [*inferred.input, *inferred.value_info, *inferred.output]
+    described = [*inferred.input, *inferred.value_info]
     shapes = {value.name: _shape(value) for value in described}
     constants = {
         tensor.name: numpy_helper.to_array(tensor)
@@ -123,7 +138,8 @@ class _Resize:
         is_known = len(shape) == 4 and all(shape[2:])
         region = constants.get(node.input[1])
         has_region = bool(node.input[1]) and (region is None or region.size > 0)
-        if not is_known or "axes" in given or has_region:
+        of_region = given.get("coordinate_transformation_mode") == b"tf_crop_and_resize"
+        if not is_known or "axes" in given or has_region or of_region:
             return None
         which = 3 if len(node.input) > 3 else 2
         by = constants.get(node.input[which])

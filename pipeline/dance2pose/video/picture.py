@@ -21,6 +21,9 @@ from dance2pose.small_picture import shrunk, small_size
 # Beyond these a sample aspect ratio is a damaged header, not a tape.
 MIN_ASPECT, MAX_ASPECT = Fraction(1, 4), Fraction(4)
 
+# Brightness 0..255 from its limited range, 16..235, beyond which it is cut off.
+_FULL_OF_LIMITED = np.clip(np.rint((np.arange(256) - 16) * 255 / 219), 0, 255).astype(np.uint8)
+
 # AVColorSpace of ITU-T H.273 (table 4) -> swscale's coefficients.
 MATRICES = {
     1: Colorspace.ITU709,
@@ -78,7 +81,10 @@ def orientation(picture: VideoFrame) -> Orientation:
     # `picture.side_data` would keep what it returns, which keeps the picture: a circle, so that
     # pictures stay in memory until Python looks for such circles (PyAV 18).
     container: Any = SideDataContainer  # whose stub lacks the picture that it takes
-    data = container(picture).get("DISPLAYMATRIX")
+    try:
+        data = container(picture).get("DISPLAYMATRIX")
+    except ValueError:  # data of another kind that PyAV has no name for, such as EXIF
+        return Orientation(round(-picture.rotation / 90) % 4)
     if data is None:
         return Orientation()
     matrix = np.frombuffer(bytes(data), dtype=np.int32)
@@ -168,7 +174,7 @@ class PictureMaker:
             return None
         small = shrunk(luma, turned.size(*small_size(*upright)))
         if not full_range(picture):
-            small = np.asarray(cv2.convertScaleAbs(small, alpha=255 / 219, beta=-16 * 255 / 219))
+            small = np.asarray(cv2.LUT(small, _FULL_OF_LIMITED), np.uint8)
         return turned.apply(small)
 
     def _bgr(self, picture: VideoFrame, size: tuple[int, int]) -> Image:
@@ -202,5 +208,8 @@ def _luma(picture: VideoFrame) -> Image | None:
 
 @functools.cache
 def _has_luma_plane(pixel_format: str) -> bool:
+    # Of a single component: places in a palette, or grey that may be of full range and not say so.
     first, *others = VideoFormat(pixel_format).components
+    if not others:
+        return False
     return first.is_luma and first.bits == 8 and all(other.plane for other in others)

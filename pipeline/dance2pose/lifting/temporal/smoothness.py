@@ -14,6 +14,8 @@ from dance2pose.poses import FloatArray
 
 # mm / s^2, root mean square in dance; slow enough to average noise, quick enough for a turn.
 _ACCELERATION = 7000.0
+# Nobody moves differently within a millisecond, and shorter steps have no exact solution.
+_SHORTEST_STEP_S = 1e-3
 
 
 def smooth_path(
@@ -57,7 +59,8 @@ def frames_averaged(
 
 def second_difference_bands(time_s: FloatArray) -> npt.NDArray[np.float64]:
     """Upper bands (3, T) of D' D, where D x is the acceleration of x at the inner frames."""
-    before, after = np.diff(time_s)[:-1], np.diff(time_s)[1:]
+    steps = np.maximum(np.diff(time_s), _SHORTEST_STEP_S)
+    before, after = steps[:-1], steps[1:]
     left = 2.0 / (before * (before + after))
     right = 2.0 / (after * (before + after))
     rows = np.stack([left, -(left + right), right])  # on frames i - 1, i, i + 1
